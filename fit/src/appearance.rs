@@ -14,9 +14,8 @@ use rayon::prelude::*;
 
 use crate::dataset::{Appearances, Sample};
 use crate::design::MODELLED;
-use crate::judge;
-use crate::network::{Batch, Examples, Network, Training, Units, noise};
-use crate::train::{importance, number, numbers};
+use crate::faces::Faces;
+use crate::network::{Batch, Examples, Network, Training, Units, importance, noise, number, numbers};
 
 /// Deviation of the noise on each input, in deviations of the input.
 const NOISE: f32 = 1.0;
@@ -59,7 +58,7 @@ impl<'a> Residuals<'a> {
         let (mean, scale) = moments(appearances, &pictures);
         let mut start = DMatrix::zeros(2 * MODELLED, pictures.len());
         for (first, neutral_known) in [(0, true), (MODELLED, false)] {
-            let faces = judge::Faces::new(samples, neutral_known)?;
+            let faces = Faces::new(samples, neutral_known)?;
             for (mut column, row) in start.column_iter_mut().zip(&rows) {
                 let raw = faces.of_landmarks(model, *row)?;
                 column.rows_mut(first, MODELLED).copy_from_slice(&raw.0[..MODELLED]);

@@ -21,11 +21,10 @@ use self::choice::{Budget, Choice};
 use self::trial::{Trial, Trials};
 use crate::dataset::{self, Sample, held_out};
 use crate::design::{MODELLED, find, index_of};
-use crate::judge::Faces;
+use crate::faces::Faces;
 use crate::kinds::{self, Kind};
 use crate::output::{self, Table};
-use crate::paper::{MODELS_TITLE, model_rows};
-use crate::report::{Fitted, with_papers};
+use crate::paper::{Fitted, MODELS_TITLE, model_rows, with_papers};
 use crate::train;
 
 /// The budget of the whole solver: memory, and time for one face.

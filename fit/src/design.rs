@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::Sample;
-use crate::judge::Faces;
+use crate::faces::Faces;
 
 /// Number of blendshapes that the model predicts: all but the last, `tongueOut`, which no landmark shows.
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;

@@ -8,7 +8,7 @@ use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::judge::Faces;
+use crate::faces::Faces;
 use crate::statistics::{ColumnSpace, mean, pearson};
 
 pub const SIZE_PX: (u32, u32) = (360, 270);
@@ -75,10 +75,6 @@ pub fn scatter(clouds: &[(&[(f64, f64)], RGBColor)], axes: &[Axis; 2], lines: &[
         chart.draw_series(lines.iter().map(|line| PathElement::new(line.to_vec(), ORANGE_INK.stroke_width(2))))?;
         Ok(())
     })
-}
-
-pub fn subsample<T: Copy>(values: &[T], most: usize) -> Vec<T> {
-    values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
 }
 
 // The face as one dot per landmark.

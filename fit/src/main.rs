@@ -11,6 +11,7 @@ mod dataset;
 mod design;
 mod drawing;
 mod evaluate;
+mod faces;
 mod judge;
 mod kinds;
 mod network;

@@ -15,6 +15,8 @@ const TINY: f32 = 1e-8;
 const CLAMPED: f32 = 0.09;
 /// Weight of a face at rest: few pictures show that turning the head must not move coefficients.
 const REST: f32 = 3.0;
+/// Smallest deviation of a blendshape, by which its errors are divided.
+const LEAST_TRUTH: f32 = 0.01;
 
 /// What hidden units return for their weighted sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -153,6 +155,29 @@ impl Network {
 
 pub fn noise(random: &mut fastrand::Rng) -> f32 {
     (random.f32() - 0.5) * 12.0_f32.sqrt()
+}
+
+/// Returns the weight of each blendshape's error: the inverse of its standard deviation, scaled to a mean of 1. Without
+/// weights, blendshapes that hardly move would not be learned. Dividing by the variance, as a correlation does, would
+/// weigh them as much as all others.
+pub fn importance(truth: &DMatrix<f32>) -> Vec<f32> {
+    let inverse: Vec<f32> = truth.row_iter().map(|row| 1.0 / row.variance().sqrt().max(LEAST_TRUTH)).collect();
+    let mean = inverse.iter().sum::<f32>() / inverse.len() as f32;
+    inverse.iter().map(|inverse| inverse / mean).collect()
+}
+
+pub fn numbers<'a>(values: impl Iterator<Item = &'a f32>) -> Vec<f64> {
+    values.map(|value| number(*value)).collect()
+}
+
+/// Rounds to four decimals, far below the accuracy of the weights, to keep the file short.
+pub fn number(value: f32) -> f64 {
+    rounded(f64::from(value), 4)
+}
+
+pub fn rounded(value: f64, decimals: i32) -> f64 {
+    let unit = 10.0_f64.powi(decimals);
+    (value * unit).round() / unit
 }
 
 impl Examples for TrainingData {

@@ -1,6 +1,15 @@
-//! Results of the paper "Statistical Blendshape Calculation and Analysis for Graphics Applications", for comparison.
+//! Results of the paper "Statistical Blendshape Calculation and Analysis for Graphics Applications", for comparison,
+//! and the same statistics of our own models.
 //!
 //! The paper measured other faces against another truth, so its results give a scale, but do not tell which is better.
+
+use nalgebra::DMatrix;
+
+use crate::output::{Table, number};
+use crate::statistics::{
+    SHAPIRO_WILK_MAX, TestResult, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk,
+    subsample, xi,
+};
 
 /// Title of the paper's table with the rows [`AGAINST_ARKIT`].
 pub const AGAINST_ARKIT_TITLE: &str = "\"Comparison Between ARKit and our methods\"";
@@ -90,10 +99,96 @@ pub fn model_rows(blendshape: &str) -> &'static [ModelRow] {
     }
 }
 
+const COLUMNS: [(&str, usize); 11] = [
+    ("R2", 3),
+    ("xi", 3),
+    ("MSE", 4),
+    ("DW", 2),
+    ("BP", 1),
+    ("p(BP)", 3),
+    ("F", 1),
+    ("SW", 3),
+    ("r", 3),
+    ("bytes", 0),
+    ("ns", 0),
+];
+/// The column of p values, which are too small to be averaged or written with a fixed number of decimals.
+pub const P: usize = 5;
+
+pub type Values = [Option<f64>; COLUMNS.len()];
+
+pub struct Fitted {
+    pub kind: String,
+    pub predictions: Vec<f64>,
+    pub values: Values,
+    /// Truth minus estimate, in the order of the estimates.
+    pub residuals: Vec<f64>,
+}
+
+impl Fitted {
+    /// Computes the statistics of a model with a number of `weights`, without the constant. Pictures have no natural order,
+    /// so the residuals are ordered by estimate. Correlated neighbours then mean that the model has the wrong curvature.
+    /// There is no F of a model that is worse than the mean of the truth.
+    pub fn new(
+        kind: String,
+        predictions: Vec<f64>,
+        truth: &[f64],
+        weights: usize,
+        [bytes, nanoseconds]: [f64; 2],
+    ) -> Self {
+        let mut order: Vec<usize> = (0..truth.len()).collect();
+        order.sort_by(|a, b| predictions[*a].total_cmp(&predictions[*b]));
+        let residuals: Vec<f64> = order.iter().map(|row| truth[*row] - predictions[*row]).collect();
+        let sorted: Vec<f64> = order.iter().map(|row| predictions[*row]).collect();
+        let r_squared = r_squared(&predictions, truth);
+        let f = f_statistic(r_squared, truth.len(), weights).filter(|f| f.statistic > 0.0);
+        let spread = breusch_pagan(&residuals, &DMatrix::from_column_slice(sorted.len(), 1, &sorted));
+        let statistic = |tested: Option<TestResult>| tested.map(|tested| tested.statistic);
+        let values = [
+            Some(r_squared),
+            Some(xi(&predictions, truth)),
+            Some(mse(&predictions, truth)),
+            Some(durbin_watson(&residuals)),
+            statistic(spread),
+            spread.map(|tested| tested.p),
+            statistic(f),
+            statistic(shapiro_wilk(&subsample(&residuals, SHAPIRO_WILK_MAX))),
+            Some(pearson(&predictions, truth)),
+            Some(bytes),
+            Some(nanoseconds),
+        ];
+        Self { kind, predictions, values, residuals }
+    }
+}
+
+pub fn table<N: Into<String>>(first: &str, rows: impl IntoIterator<Item = (N, Values)>) -> Table {
+    let cell = |(column, value): (usize, Option<f64>)| match value {
+        Some(0.0) if column == P => "0".to_owned(),
+        Some(p) if column == P && p < 0.001 => format!("{p:.0e}"),
+        value => number(value, COLUMNS[column].1),
+    };
+    let row = |(name, values): (N, Values)| {
+        [name.into()].into_iter().chain(values.into_iter().enumerate().map(cell)).collect::<Vec<_>>()
+    };
+    Table::new([first].into_iter().chain(COLUMNS.map(|(title, _)| title)), rows.into_iter().map(row))
+}
+
+/// Returns the statistics of models of one blendshape, followed by those of the paper, which has fewer columns.
+pub fn with_papers(models: &[&Fitted], paper: &[ModelRow]) -> Table {
+    let own = models.iter().map(|model| (model.kind.clone(), model.values));
+    let papers = paper.iter().map(|row| {
+        let [r_squared, xi, mse, durbin_watson, shapiro_wilk] = row.figures.map(Some);
+        let bytes = Some(row.bytes as f64);
+        let values = [r_squared, xi, mse, durbin_watson, None, None, None, shapiro_wilk, None, bytes, None];
+        (format!("  {}", row.kind), values)
+    });
+    table("kind", own.chain(papers))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::mean;
+    use crate::statistics::{column_means, mean};
 
     /// Catches copying errors, because a wrong digit changes the mean of a column.
     #[test]
@@ -103,5 +198,22 @@ mod tests {
             let ours = mean(AGAINST_ARKIT.iter().map(|row| printed(row)[column]));
             assert!((ours - papers).abs() < 0.0101, "column {column}: {ours}, printed {papers}");
         }
+    }
+    fn values(predictions: Vec<f64>, truth: &[f64]) -> Values {
+        Fitted::new("test".to_owned(), predictions, truth, 1, [8.0, 1.0]).values
+    }
+
+    #[test]
+    fn wrong_curvature_lowers_durbin_watson_and_a_model_worse_than_the_mean_has_no_f() {
+        let truth: Vec<f64> = (0..200).map(|i| f64::from(i * 77 % 200) / 200.0).collect();
+        let bent = values(truth.iter().map(|value| value * value).collect(), &truth);
+        assert!(bent[3].unwrap() < 0.1, "in any order of the pictures");
+        let truth: Vec<f64> = (0..20).map(f64::from).collect();
+        let mut worse = values(truth.iter().rev().copied().collect(), &truth);
+        assert!(worse[0].unwrap() < 0.0 && worse[6].is_none());
+        worse[P] = Some(2.68e-5);
+        let text = table("kind", [("one", worse)]).text();
+        assert!(text.contains(" 3e-5 |"), "a small p keeps its magnitude: {text}");
+        assert_eq!(column_means(&[worse, [None; COLUMNS.len()]])[..7], worse[..7], "missing values are left out");
     }
 }

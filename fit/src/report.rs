@@ -6,39 +6,19 @@ use anyhow::{Context, Result};
 use clap::Args;
 use facewire_face::{BLENDSHAPES, COEFFS, Model, model::MAX_HIDDEN};
 use maud::{Markup, html};
-use nalgebra::DMatrix;
 use plotters::prelude::*;
 use rayon::prelude::*;
 
 use crate::compare::{self, FitOptions};
 use crate::dataset;
-use crate::drawing::{
-    Axis, BLUE_INK, LandmarkMotion, ORANGE_INK, POINT_PX, SIZE_PX, chart, face, scatter, subsample, svg,
-};
-use crate::judge::{Faces, estimates, load_model, regression_ns};
-use crate::output::{self, Table, figures, guide, number};
-use crate::paper::{MODELS_TITLE, ModelRow, model_rows};
-use crate::statistics::{
-    SHAPIRO_WILK_MAX, TestResult, autocorrelation, breusch_pagan, column_means, durbin_watson, f_statistic, mse,
-    pearson, r_squared, shapiro_wilk, xi,
-};
+use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, ORANGE_INK, POINT_PX, SIZE_PX, chart, face, scatter, svg};
+use crate::faces::{Faces, estimates, regression_ns};
+use crate::judge::load_model;
+use crate::output::{self, figures, guide};
+use crate::paper::{Fitted, MODELS_TITLE, P, Values, model_rows, table, with_papers};
+use crate::statistics::{autocorrelation, column_means, subsample};
 
 const LAGS: usize = 30;
-const COLUMNS: [(&str, usize); 11] = [
-    ("R2", 3),
-    ("xi", 3),
-    ("MSE", 4),
-    ("DW", 2),
-    ("BP", 1),
-    ("p(BP)", 3),
-    ("F", 1),
-    ("SW", 3),
-    ("r", 3),
-    ("bytes", 0),
-    ("ns", 0),
-];
-/// The column of p values, which are too small to be averaged or written with a fixed number of decimals.
-const P: usize = 5;
 
 #[derive(Debug, Args)]
 pub struct ReportArgs {
@@ -105,77 +85,6 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let contents = [("kinds", "Kinds of model"), ("all", "All blendshapes"), ("guide", "How to read it")];
     let names: Vec<String> = sections.iter().map(|section| section.name.to_owned()).collect();
     output::write_page(&args.out, "Blendshape models", &contents, &names, &body)
-}
-
-type Values = [Option<f64>; COLUMNS.len()];
-
-pub struct Fitted {
-    kind: String,
-    predictions: Vec<f64>,
-    values: Values,
-    /// Truth minus estimate, in the order of the estimates.
-    residuals: Vec<f64>,
-}
-
-impl Fitted {
-    /// Computes the statistics of a model with a number of `weights`, without the constant. Pictures have no natural order,
-    /// so the residuals are ordered by estimate. Correlated neighbours then mean that the model has the wrong curvature.
-    /// There is no F of a model that is worse than the mean of the truth.
-    pub fn new(
-        kind: String,
-        predictions: Vec<f64>,
-        truth: &[f64],
-        weights: usize,
-        [bytes, nanoseconds]: [f64; 2],
-    ) -> Self {
-        let estimates = &predictions;
-        let mut order: Vec<usize> = (0..truth.len()).collect();
-        order.sort_by(|a, b| estimates[*a].total_cmp(&estimates[*b]));
-        let residuals: Vec<f64> = order.iter().map(|row| truth[*row] - estimates[*row]).collect();
-        let sorted: Vec<f64> = order.iter().map(|row| estimates[*row]).collect();
-        let r_squared = r_squared(estimates, truth);
-        let f = f_statistic(r_squared, truth.len(), weights).filter(|f| f.statistic > 0.0);
-        let spread = breusch_pagan(&residuals, &DMatrix::from_column_slice(sorted.len(), 1, &sorted));
-        let statistic = |tested: Option<TestResult>| tested.map(|tested| tested.statistic);
-        let values = [
-            Some(r_squared),
-            Some(xi(estimates, truth)),
-            Some(mse(estimates, truth)),
-            Some(durbin_watson(&residuals)),
-            statistic(spread),
-            spread.map(|tested| tested.p),
-            statistic(f),
-            statistic(shapiro_wilk(&subsample(&residuals, SHAPIRO_WILK_MAX))),
-            Some(pearson(estimates, truth)),
-            Some(bytes),
-            Some(nanoseconds),
-        ];
-        Self { kind, predictions, values, residuals }
-    }
-}
-
-fn table<N: Into<String>>(first: &str, rows: impl IntoIterator<Item = (N, Values)>) -> Table {
-    let cell = |(column, value): (usize, Option<f64>)| match value {
-        Some(0.0) if column == P => "0".to_owned(),
-        Some(p) if column == P && p < 0.001 => format!("{p:.0e}"),
-        value => number(value, COLUMNS[column].1),
-    };
-    let row = |(name, values): (N, Values)| {
-        [name.into()].into_iter().chain(values.into_iter().enumerate().map(cell)).collect::<Vec<_>>()
-    };
-    Table::new([first].into_iter().chain(COLUMNS.map(|(title, _)| title)), rows.into_iter().map(row))
-}
-
-/// Returns the statistics of models of one blendshape, followed by those of the paper, which has fewer columns.
-pub fn with_papers(models: &[&Fitted], paper: &[ModelRow]) -> Table {
-    let own = models.iter().map(|model| (model.kind.clone(), model.values));
-    let papers = paper.iter().map(|row| {
-        let [r_squared, xi, mse, durbin_watson, shapiro_wilk] = row.figures.map(Some);
-        let bytes = Some(row.bytes as f64);
-        let values = [r_squared, xi, mse, durbin_watson, None, None, None, shapiro_wilk, None, bytes, None];
-        (format!("  {}", row.kind), values)
-    });
-    table("kind", own.chain(papers))
 }
 
 /// A blendshape with the results of every kind of model. Charts are drawn for the first kind.
@@ -338,27 +247,4 @@ fn autocorrelation_chart(lags: &[f64], values: usize) -> Result<String> {
         }
         Ok(())
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn values(predictions: Vec<f64>, truth: &[f64]) -> Values {
-        Fitted::new("test".to_owned(), predictions, truth, 1, [8.0, 1.0]).values
-    }
-
-    #[test]
-    fn wrong_curvature_lowers_durbin_watson_and_a_model_worse_than_the_mean_has_no_f() {
-        let truth: Vec<f64> = (0..200).map(|i| f64::from(i * 77 % 200) / 200.0).collect();
-        let bent = values(truth.iter().map(|value| value * value).collect(), &truth);
-        assert!(bent[3].unwrap() < 0.1, "in any order of the pictures");
-        let truth: Vec<f64> = (0..20).map(f64::from).collect();
-        let mut worse = values(truth.iter().rev().copied().collect(), &truth);
-        assert!(worse[0].unwrap() < 0.0 && worse[6].is_none());
-        worse[P] = Some(2.68e-5);
-        let text = table("kind", [("one", worse)]).text();
-        assert!(text.contains(" 3e-5 |"), "a small p keeps its magnitude: {text}");
-        assert_eq!(column_means(&[worse, [None; COLUMNS.len()]])[..7], worse[..7], "missing values are left out");
-    }
 }

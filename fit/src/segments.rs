@@ -20,9 +20,8 @@ use rayon::prelude::*;
 
 use crate::dataset::{self, Sample};
 use crate::design::{MODELLED, find};
-use crate::drawing::subsample;
-use crate::judge::Faces;
-use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation};
+use crate::faces::Faces;
+use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation, subsample};
 use crate::{kinds, output};
 
 #[derive(Debug, Args)]

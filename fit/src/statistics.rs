@@ -257,6 +257,10 @@ pub fn draw(number: u64, people: usize) -> Vec<usize> {
     (0..people).map(|_| rng.random_range(0..people)).collect()
 }
 
+pub fn subsample<T: Copy>(values: &[T], most: usize) -> Vec<T> {
+    values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::DMatrix;

@@ -9,10 +9,11 @@ use facewire_face::BLENDSHAPES;
 use facewire_face::model::{BlendshapeTable, Cases, FeatureId, InputTable, MAX_HIDDEN, ModelFile, ScoreTable};
 use nalgebra::{DMatrix, DVector};
 
+use crate::appearance;
 use crate::dataset::{Appearances, Sample, held_out};
 use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
-use crate::network::{Network, Training, TrainingData, Units};
-use crate::{appearance, judge};
+use crate::faces::{self, Faces};
+use crate::network::{Network, Training, TrainingData, Units, importance, number, numbers, rounded};
 
 const SELECTED: usize = 140;
 const COMPONENTS: usize = 300;
@@ -22,8 +23,6 @@ const NOISE: f32 = 0.2;
 const KNOWN_NOISE: f32 = 0.02;
 /// Smallest deviation of a feature, in eye distances, that features are scaled by.
 const LEAST_FEATURE: f32 = 0.005;
-/// Smallest deviation of a blendshape, by which its errors are divided.
-const LEAST_TRUTH: f32 = 0.01;
 pub const EPOCHS: u32 = 60;
 const RATE: f32 = 2e-3;
 const SEED: u64 = 1;
@@ -65,8 +64,8 @@ pub fn extend(path: &Path, samples: &[Sample], appearances: Option<&Appearances>
 fn score(file: &mut ModelFile, samples: &[Sample], appearances: Option<&Appearances>) -> Result<()> {
     let model = file.to_model()?;
     let scores = |known| {
-        let faces = judge::Faces::new(samples, known)?.with_appearances(appearances);
-        judge::scores(&model, &faces, &faces.rows(false)?)
+        let faces = Faces::new(samples, known)?.with_appearances(appearances);
+        faces::scores(&model, &faces, &faces.rows(false)?)
     };
     let [known, unknown] = [scores(true)?, scores(false)?];
     let score = |[r, mse]: &[f64; 2]| ScoreTable { r: rounded(*r, 4), mse: rounded(*mse, 5) };
@@ -106,15 +105,6 @@ fn training_data(design: &Design, scale: &Scale, basis: &Basis) -> TrainingData 
     TrainingData { inputs, noise, importance: importance(&truth), truth }
 }
 
-/// Returns the weight of each blendshape's error: the inverse of its standard deviation, scaled to a mean of 1. Without
-/// weights, blendshapes that hardly move would not be learned. Dividing by the variance, as a correlation does, would
-/// weigh them as much as all others.
-pub fn importance(truth: &DMatrix<f32>) -> Vec<f32> {
-    let inverse: Vec<f32> = truth.row_iter().map(|row| 1.0 / row.variance().sqrt().max(LEAST_TRUTH)).collect();
-    let mean = inverse.iter().sum::<f32>() / inverse.len() as f32;
-    inverse.iter().map(|inverse| inverse / mean).collect()
-}
-
 /// Converts the network's inputs from components back to features, which have names and units, and stores it in `file`.
 fn fill_in(file: &mut ModelFile, design: &Design, scale: &Scale, basis: &Basis, network: &Network) {
     let components = basis.map.nrows();
@@ -140,18 +130,4 @@ fn blendshapes(network: &Network) -> BTreeMap<String, BlendshapeTable> {
         ..BlendshapeTable::default()
     };
     (0..MODELLED).map(|index| (BLENDSHAPES[index].to_owned(), table(index))).collect()
-}
-
-pub fn numbers<'a>(values: impl Iterator<Item = &'a f32>) -> Vec<f64> {
-    values.map(|value| number(*value)).collect()
-}
-
-/// Rounds to four decimals, far below the accuracy of the weights, to keep the file short.
-pub fn number(value: f32) -> f64 {
-    rounded(f64::from(value), 4)
-}
-
-fn rounded(value: f64, decimals: i32) -> f64 {
-    let unit = 10.0_f64.powi(decimals);
-    (value * unit).round() / unit
 }

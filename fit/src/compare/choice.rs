@@ -237,7 +237,7 @@ mod tests {
     use crate::compare::trial::Trials;
     use crate::curves::tests::test_clip;
     use crate::dataset::Sample;
-    use crate::judge::{Faces, estimates};
+    use crate::faces::{Faces, estimates};
     use crate::kinds;
 
     fn trial(kind: &'static str, form: Form, validation: [f64; 2], bytes: usize) -> Trial {

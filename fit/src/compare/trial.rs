@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::Split;
 use crate::dataset::Sample;
 use crate::design::{Design, MODELLED, with_mirrored};
-use crate::judge::{Faces, estimates, regression_ns};
+use crate::faces::{Faces, estimates, regression_ns};
 use crate::kinds::{Form, Formula, Kind, Limits, Predictor, suffix, with_response};
 use crate::statistics::{mse, pearson};
 use crate::train;

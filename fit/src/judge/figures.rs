@@ -299,6 +299,20 @@ fn figures_of(people: &[Person], indices: &[usize]) -> Vec<Phases<Figures>> {
     rows
 }
 
+pub struct Judged {
+    pub set: String,
+    /// Facts about the set itself, such as the number of frames without a face.
+    pub notes: String,
+    pub neutral: [Rivals; 2],
+}
+
+pub struct Rivals {
+    pub model: Judgement,
+    pub against: Option<Judgement>,
+}
+
+pub const NEUTRAL: [&str; 2] = ["neutral face known", "neutral face not known"];
+
 #[cfg(test)]
 mod tests {
     use super::*;

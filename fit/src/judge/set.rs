@@ -16,9 +16,9 @@ use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver, Tracke
 use rayon::prelude::*;
 
 use super::figures::{Person, SolvedFaces};
-use super::{Faces, estimates, pose_error_deg};
 use crate::curves::{Parts, Truth};
 use crate::dataset::{self, Appearances, Sample};
+use crate::faces::{Faces, estimates, pose_error_deg};
 
 pub struct Set {
     pub name: String,

@@ -6,8 +6,7 @@ use facewire_face::BLENDSHAPES;
 use maud::{Markup, html};
 use serde_json::{Map, Value, json};
 
-use super::figures::{Figure, Figures, Judgement, Person, Phase, Row};
-use super::{Judged, NEUTRAL, Rivals};
+use super::figures::{Figure, Figures, Judged, Judgement, NEUTRAL, Person, Phase, Rivals, Row};
 use crate::drawing::{Axis, BLUE_INK, scatter};
 use crate::output::{Cell, Table, figure, guide, number};
 use crate::statistics::Interval;

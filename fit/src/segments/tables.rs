@@ -11,10 +11,10 @@ use plotters::style::RGBColor;
 use rayon::prelude::*;
 
 use super::{NAMES, PAIRS, Pictures, Ranking, Segment};
-use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, face, scatter, subsample};
-use crate::judge::Faces;
+use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, face, scatter};
+use crate::faces::Faces;
 use crate::output::{Table, figures, guide, number};
-use crate::statistics::mean;
+use crate::statistics::{mean, subsample};
 
 const LISTED: usize = 10;
 

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 
 use super::expression::{Coefficients, Deformer};
 use super::rig::{Rig, SimpleMesh, Triangle, normals, smoothstep, vertices_of};
-use super::scene::shoulder;
 use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
 use crate::design::{find, index_of};
@@ -19,6 +18,8 @@ use crate::design::{find, index_of};
 const LEAST_VISIBILITY: f32 = 0.03;
 /// Details smaller than this cast no shadow of their own, in centimetres.
 const CASTER_CELL: f32 = 0.6;
+/// Between these heights the neck's motion changes from the head's to the shoulders', in centimetres.
+const NECK: [f32; 2] = [-8.5, -15.0];
 /// Bounding sphere of the head for lighting: centre and radius.
 pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
 
@@ -45,6 +46,9 @@ pub struct Assets {
     pub mouth: Vec<u32>,
 }
 
+/// Indices of the skins, brows and eyes to draw from, at least one of each.
+pub type TextureChoice = [Vec<usize>; 3];
+
 /// Share of the sky that is visible from each vertex.
 pub struct AmbientOcclusion {
     rest: Vec<f32>,
@@ -67,7 +71,7 @@ impl Assets {
         Ok(Self {
             occlusion: AmbientOcclusion::new(&rig, &deformer, &surface),
             rest_normals: normals(&rig.neutral, &surface),
-            shoulder: rig.neutral.iter().map(|point| shoulder(*point)).collect(),
+            shoulder: rig.neutral.iter().map(|point| smoothstep(-NECK[0], -NECK[1], -point.y)).collect(),
             ball_offsets: ball_offsets(&rig),
             is_skin: is_skin(&rig),
             mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),

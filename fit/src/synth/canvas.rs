@@ -7,6 +7,8 @@ use core::ops::Range;
 
 use glam::{Vec2, Vec3, Vec3A, Vec4};
 
+use super::rig::Triangle;
+
 pub const MOST_SAMPLES: f32 = 2.0;
 
 pub struct Canvas {
@@ -256,6 +258,56 @@ fn span(positions: [i64; 3], limits: Range<usize>) -> Range<usize> {
     let end = (a.max(b).max(c) + STEP / 2).div_euclid(STEP).max(0);
     let whole = |value: i64| usize::try_from(value).unwrap_or(0);
     whole(first).max(limits.start)..whole(end).min(limits.end)
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct Barycentric {
+    pub vertices: [usize; 3],
+    pub weights: Vec3,
+}
+
+impl Barycentric {
+    #[inline]
+    pub fn interpolate<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>>(
+        &self,
+        of: impl Fn(usize) -> T,
+    ) -> T {
+        Corners(self.vertices.map(of)).at(self.weights)
+    }
+}
+
+pub struct Corners<T>(pub [T; 3]);
+
+impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Corners<T> {
+    #[inline]
+    pub fn at(&self, weights: Vec3) -> T {
+        let [a, b, c] = self.0;
+        a * weights.x + b * weights.y + c * weights.z
+    }
+}
+
+/// Calls `paint(number, vertices)` for every triangle that covers samples of the window. Calls the function that
+/// `paint` returns for every visible sample, with the sample's index, inverse depth and barycentric coordinates.
+pub fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
+    canvas: &mut Canvas,
+    screen: &[(Position, f32)],
+    (triangles, window): (&[Triangle], &Window),
+    lift: f32,
+    paint: impl Fn(usize, [usize; 3]) -> Paint,
+) {
+    for (number, triangle) in triangles.iter().enumerate() {
+        let vertices = triangle.map(|vertex| vertex as usize);
+        let [one, two, three] = vertices.map(|vertex| screen[vertex]);
+        let Some(covered) = window.cover([one.0, two.0, three.0]) else { continue };
+        let inverse_depths = Vec3::new(one.1, two.1, three.1) * lift;
+        let mut sample = paint(number, vertices);
+        covered.each(|index, weights| {
+            let inverse_depth = weights.dot(inverse_depths);
+            if canvas.is_visible(index, inverse_depth) {
+                sample(canvas, index, inverse_depth, weights);
+            }
+        });
+    }
 }
 
 #[cfg(test)]

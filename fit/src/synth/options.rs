@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 use facewire_face::BLENDSHAPES;
 
 use super::acting::{Expressions, Kind, Moments, Share};
+use super::assets::TextureChoice;
 use super::expression::Coefficients;
-use super::sample::{Distribution, TextureChoice, Variety};
+use super::sample::{Distribution, Variety};
 use super::variety::{Condition, Factor, Without};
 use crate::design::MODELLED;
 use crate::recording::CsvTable;

@@ -8,10 +8,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::assets::Assets;
-use super::person::{Cover, Person};
-use super::render::{Barycentric, Corners, Head};
+use super::canvas::{Barycentric, Corners};
+use super::person::{Cover, HAIR_EDGE, Person};
 use super::rig::smoothstep;
-use super::scene::Lighting;
+use super::shade::{Lighting, VertexLight};
 use super::textures::{Skin, Texture, eye_colour};
 
 /// Colours in linear light.
@@ -19,10 +19,6 @@ pub const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
 pub const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
 /// Share of the light that a full beard absorbs.
 const BEARD: Vec3A = Vec3A::new(0.75, 0.76, 0.74);
-/// Distances inside the hairline at which hair begins and is full, in centimetres.
-pub const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
-/// Distance inside the hairline from which no skin is visible, in centimetres.
-pub const FULL_HAIR: f32 = HAIR_EDGE[1] + 0.45;
 /// Factor on the specular highlight of hair, compared to skin's.
 const HAIR_GLOSS: f32 = 0.2;
 const EYE: f32 = 0.75;
@@ -35,7 +31,9 @@ const LID_SHADE: f32 = 0.6;
 pub struct Painter<'a> {
     assets: &'a Assets,
     person: &'a Person,
-    head: &'a Head,
+    points: &'a [Vec3],
+    normals: &'a [Vec3],
+    lit: &'a [VertexLight],
     lighting: &'a Lighting,
     skin: &'a Skin,
     tint: Vec3A,
@@ -79,14 +77,19 @@ impl SkinPaint<'_> {
 }
 
 impl<'a> Painter<'a> {
-    pub fn new(assets: &'a Assets, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
-        let looks = &person.looks;
-        Self { assets, person, head, lighting, skin: &assets.skins[looks.skin], tint: looks.tint.into() }
+    pub fn new(
+        assets: &'a Assets,
+        person: &'a Person,
+        (points, normals, lit): (&'a [Vec3], &'a [Vec3], &'a [VertexLight]),
+        lighting: &'a Lighting,
+    ) -> Self {
+        let (skin, tint) = (&assets.skins[person.looks.skin], person.looks.tint.into());
+        Self { assets, person, points, normals, lit, lighting, skin, tint }
     }
 
     #[inline]
     pub fn skin(&self, cover: Cover, vertices: [usize; 3]) -> SkinPaint<'_> {
-        let (looks, lit) = (&self.person.looks, |vertex: usize| &self.head.lit[vertex]);
+        let (looks, lit) = (&self.person.looks, |vertex: usize| &self.lit[vertex]);
         let attributes = |vertex: usize| &self.person.attributes[vertex];
         match cover {
             Cover::Cloth => {
@@ -115,13 +118,13 @@ impl<'a> Painter<'a> {
 
     fn mixed_skin(&self, at: Barycentric) -> Vec3A {
         let looks = &self.person.looks;
-        let diffuse = at.interpolate(|vertex| self.head.lit[vertex].diffuse);
+        let diffuse = at.interpolate(|vertex| self.lit[vertex].diffuse);
         let cover = at.interpolate(|vertex| self.person.attributes[vertex].cover);
         let [hair, below_collar] = [cover.z, cover.w];
         if below_collar > 0.0 {
             return Vec3A::from(looks.cloth.0) * diffuse;
         }
-        let gloss = at.interpolate(|vertex| self.head.lit[vertex].gloss) * looks.gloss;
+        let gloss = at.interpolate(|vertex| self.lit[vertex].gloss) * looks.gloss;
         let tone = at.interpolate(|vertex| self.person.attributes[vertex].tone);
         let mut colour = Vec3A::from_vec4(tone);
         if tone.w > 0.0 {
@@ -146,15 +149,15 @@ impl<'a> Painter<'a> {
         let offset = at.interpolate(|vertex| self.assets.ball_offsets[vertex]);
         let looks = &self.person.looks;
         let colour = EYE * eye_colour(&self.assets.eyes[looks.eye], offset.truncate(), looks.iris);
-        let normal = at.interpolate(|vertex| self.head.normals[vertex]).normalize_or_zero();
-        let point = at.interpolate(|vertex| self.head.points[vertex]);
+        let normal = at.interpolate(|vertex| self.normals[vertex]).normalize_or_zero();
+        let point = at.interpolate(|vertex| self.points[vertex]);
         let view = -point.normalize_or_zero();
         let glint = self.lighting.lights.iter().map(|lamp| {
             let half = (lamp.toward + view).normalize_or_zero();
             lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powi(GLINT.0)
         });
         let shade = 1.0 - LID_SHADE * smoothstep(-0.1, 0.6, normal.y);
-        let diffuse = Vec3::from(at.interpolate(|vertex| self.head.lit[vertex].diffuse));
+        let diffuse = Vec3::from(at.interpolate(|vertex| self.lit[vertex].diffuse));
         Vec3A::from((colour * diffuse + glint.sum::<Vec3>()) * shade)
     }
 
@@ -162,7 +165,7 @@ impl<'a> Painter<'a> {
         let uv: Vec2 = at.interpolate(|vertex| self.person.brow_uv[vertex]);
         let (colour, opacity) = self.person.looks.brow_colour;
         let alpha = self.assets.brows[self.person.looks.brow].cover(uv) * opacity;
-        (alpha, Vec3A::from(colour) * at.interpolate(|vertex| self.head.lit[vertex].diffuse))
+        (alpha, Vec3A::from(colour) * at.interpolate(|vertex| self.lit[vertex].diffuse))
     }
 }
 

@@ -5,15 +5,17 @@ use rand::RngExt;
 use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::assets::Assets;
-use super::paint::{FULL_HAIR, HAIR_EDGE};
-use super::rig::{Triangle, piecewise, smoothstep};
-use super::sample::{TextureChoice, normal};
+use super::assets::{Assets, TextureChoice};
+use super::rig::{Triangle, normal, piecewise, smoothstep};
 
 /// Height of the hairline at depths z, in centimetres: nape, behind the ear, above the ear, temple, forehead.
 const HAIRLINE: [(f32, f32); 7] =
     [(-6.0, -7.0), (-3.0, -5.0), (-1.5, 1.0), (0.5, 5.4), (3.0, 6.4), (6.0, 9.6), (9.0, 11.4)];
 const EAR: (f32, f32) = (7.65, 5.6);
+/// Distances inside the hairline at which hair begins and is full, in centimetres.
+pub const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
+/// Distance inside the hairline from which no skin is visible, in centimetres.
+const FULL_HAIR: f32 = HAIR_EDGE[1] + 0.45;
 /// The beard grows at these distances from the mouth, in centimetres.
 const BEARD_REACH: [f32; 2] = [1.0, 5.0];
 

@@ -1,16 +1,16 @@
 //! Renders a person to linear light: deforms, places and lights the head, then draws skin, mouth and eyes, and at last
 //! brows and lashes over them.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 use super::assets::{Assets, BOUNDS};
-use super::canvas::{Canvas, Position, Window};
+use super::canvas::{Barycentric, Canvas, Corners, Position, draw};
 use super::paint::{GUMS, LASHES, Painter, TEETH};
 use super::person::Person;
-use super::props::PropLayer;
-use super::rig::{Triangle, normals_into, smoothstep};
-use super::scene::{PIVOT, Scene};
-use super::shade::{DepthMap, Surface, VertexLight, shade};
+use super::props::{Lens, Prop};
+use super::rig::{normals_into, smoothstep};
+use super::scene::{FACE_CM, PIVOT, Scene};
+use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
 use crate::design::index_of;
 
 const SHADOW_SIDE: usize = 200;
@@ -19,8 +19,6 @@ const MOUTH_SKY: f32 = 0.6;
 /// Factor on the inverse depth of brows, so that the skin below does not hide them.
 const LIFT: f32 = 1.0005;
 
-/// Width of a face seen from the front in centimetres.
-pub const FACE_CM: f32 = 14.5;
 /// Landmarks of the outer edge of the lips, which enclose all that is visible of the mouth; and a margin in samples.
 const LIPS: core::ops::Range<usize> = 48..60;
 const LIPS_MARGIN: u8 = 6;
@@ -28,6 +26,10 @@ const LIPS_MARGIN: u8 = 6;
 /// their eyes, in centimetres.
 const SHUT_EYE_CM: f32 = 0.4;
 const SAMPLES_PER_FACE: f32 = 150.0;
+/// Exponent and strength of the lamps' reflections on a lens.
+const GLINT: (i32, f32) = (900, 3.0);
+/// Largest share of a lens's colour that its reflections replace.
+const MOST_GLARE: f32 = 0.9;
 
 pub struct Renderer {
     least_density: f32,
@@ -38,11 +40,11 @@ pub struct Renderer {
 }
 
 #[derive(Default)]
-pub struct Head {
-    pub shape: Vec<Vec3>,
-    pub points: Vec<Vec3>,
-    pub normals: Vec<Vec3>,
-    pub lit: Vec<VertexLight>,
+struct Head {
+    shape: Vec<Vec3>,
+    points: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    lit: Vec<VertexLight>,
     screen: Vec<(Position, f32)>,
     sky: Vec<f32>,
 }
@@ -63,10 +65,9 @@ impl Renderer {
         self.head.pose(assets, person, scene, self.canvas.density);
         self.light(assets, person.looks.wrinkles, scene);
         self.head.darken_mouth(assets);
-        let painter = Painter::new(assets, person, &self.head, &scene.lighting);
+        let (canvas, head) = (&mut self.canvas, &self.head);
+        let painter = Painter::new(assets, person, (&head.points, &head.normals, &head.lit), &scene.lighting);
         let parts = &assets.rig.parts;
-        let canvas = &mut self.canvas;
-        let head = &self.head;
         let whole = canvas.grid.whole();
         let lips = assets.rig.landmarks[LIPS].iter().map(|vertex| head.screen[*vertex].0);
         let mouth = canvas.grid.around(lips, LIPS_MARGIN);
@@ -142,7 +143,7 @@ impl Head {
     fn pose(&mut self, assets: &Assets, person: &Person, scene: &Scene, density: Vec2) {
         assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
         self.points.clone_from(&self.shape);
-        scene.placement.place(&mut self.points, &assets.shoulder);
+        scene.placement.place(&mut self.points, assets.shoulder.iter().copied());
         self.normals.resize(self.points.len(), Vec3::ZERO);
         normals_into(&self.points, &assets.surface, &mut self.normals);
         self.screen.clear();
@@ -165,34 +166,7 @@ impl Head {
     }
 }
 
-#[derive(Debug, Clone, Copy)]
-pub struct Barycentric {
-    pub vertices: [usize; 3],
-    pub weights: Vec3,
-}
-
-impl Barycentric {
-    #[inline]
-    pub fn interpolate<T: core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>>(
-        &self,
-        of: impl Fn(usize) -> T,
-    ) -> T {
-        let [a, b, c] = self.vertices;
-        of(a) * self.weights.x + of(b) * self.weights.y + of(c) * self.weights.z
-    }
-}
-
-pub struct Corners<T>(pub [T; 3]);
-
-impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Corners<T> {
-    #[inline]
-    pub fn at(&self, weights: Vec3) -> T {
-        let [a, b, c] = self.0;
-        a * weights.x + b * weights.y + c * weights.z
-    }
-}
-
-pub fn on_screen(scene: &Scene, density: Vec2, point: Vec3) -> (Position, f32) {
+fn on_screen(scene: &Scene, density: Vec2, point: Vec3) -> (Position, f32) {
     let seen = scene.lens.project(point);
     seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
 }
@@ -205,26 +179,64 @@ fn eye_lifts(scene: &Scene) -> [f32; 2] {
     })
 }
 
-/// Calls `paint(number, vertices)` for every triangle that covers samples of the window. Calls the function that
-/// `paint` returns for every visible sample, with the sample's index, inverse depth and barycentric coordinates.
-pub fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
-    canvas: &mut Canvas,
-    screen: &[(Position, f32)],
-    (triangles, window): (&[Triangle], &Window),
-    lift: f32,
-    paint: impl Fn(usize, [usize; 3]) -> Paint,
-) {
-    for (number, triangle) in triangles.iter().enumerate() {
-        let vertices = triangle.map(|vertex| vertex as usize);
-        let [one, two, three] = vertices.map(|vertex| screen[vertex]);
-        let Some(covered) = window.cover([one.0, two.0, three.0]) else { continue };
-        let inverse_depths = Vec3::new(one.1, two.1, three.1) * lift;
-        let mut sample = paint(number, vertices);
-        covered.each(|index, weights| {
-            let inverse_depth = weights.dot(inverse_depths);
-            if canvas.is_visible(index, inverse_depth) {
-                sample(canvas, index, inverse_depth, weights);
+#[derive(Default)]
+struct PropLayer {
+    points: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    lit: Vec<VertexLight>,
+    screen: Vec<(Position, f32)>,
+}
+
+impl PropLayer {
+    fn draw(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
+        self.points.clone_from(&prop.points);
+        scene.placement.place(&mut self.points, core::iter::repeat(0.0));
+        self.normals.resize(self.points.len(), Vec3::ZERO);
+        normals_into(&self.points, &prop.triangles, &mut self.normals);
+        self.screen.clear();
+        self.screen.extend(self.points.iter().map(|point| on_screen(scene, canvas.density, *point)));
+        match prop.lens {
+            Some(lens) => self.draw_lens(canvas, prop, scene, lens),
+            None => self.draw_opaque(canvas, prop, scene, shadow),
+        }
+    }
+
+    fn draw_opaque(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
+        let vertices = self.points.iter().zip(&self.normals);
+        // Flat parts are visible from both sides: their normals cancel out, and they are lit as if they faced the camera.
+        let lit = vertices.map(|(point, normal)| {
+            let normal = if *normal == Vec3::ZERO { -point.normalize_or_zero() } else { *normal };
+            shade(&scene.lighting, shadow, &Surface { point: *point, normal, sky: 0.9, skin: false })
+        });
+        self.lit.clear();
+        self.lit.extend(lit);
+        let window = canvas.grid.whole();
+        draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
+            let colour = |vertex: usize| Vec3A::from(prop.colours[vertex]) * self.lit[vertex].diffuse;
+            let corners = Corners(vertices.map(|vertex| colour(vertex) + self.lit[vertex].gloss));
+            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
+        });
+    }
+
+    fn draw_lens(&self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, lens: Lens) {
+        let window = canvas.grid.whole();
+        draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
+            let normals = Corners(vertices.map(|vertex| self.normals[vertex]));
+            let points = Corners(vertices.map(|vertex| self.points[vertex]));
+            let places = Corners(vertices.map(|vertex| prop.points[vertex].truncate()));
+            move |canvas, index, _, weights| {
+                let (normal, view) = (normals.at(weights).normalize_or_zero(), -points.at(weights).normalize_or_zero());
+                let mirrored = -view.reflect(normal);
+                let seen = scene.lighting.ambient(mirrored);
+                let share = (0.04 + lens.glare_at(places.at(weights))).min(MOST_GLARE);
+                canvas.blend(index, lens.tint, Vec3A::ZERO);
+                canvas.blend(index, share, Vec3A::from(1.5 * seen + lamps(&scene.lighting, mirrored)));
             }
         });
     }
+}
+
+fn lamps(lighting: &Lighting, toward: Vec3) -> Vec3 {
+    let seen = |toward: Vec3, lamp: Vec3| GLINT.1 * toward.dot(lamp).max(0.0).powi(GLINT.0);
+    lighting.lights.iter().map(|lamp| lamp.colour * seen(toward, lamp.toward)).sum()
 }

@@ -12,6 +12,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{Vec2, Vec3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
@@ -221,6 +224,11 @@ impl SimpleMesh {
         let triangles = merged.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect();
         Self { vertices, triangles }
     }
+}
+
+/// Draws a number with a normal distribution of mean 0, cut off at the limit on both sides.
+pub fn normal(rng: &mut ChaCha8Rng, deviation: f32, limit: f32) -> f32 {
+    (rng.sample::<f32, _>(StandardNormal) * deviation).clamp(-limit, limit)
 }
 
 pub fn smoothstep(from: f32, to: f32, value: f32) -> f32 {

@@ -233,7 +233,7 @@ mod tests {
     use facewire_face::BLENDSHAPES;
     use tempfile::TempDir;
 
-    use crate::{dataset, judge, reference};
+    use crate::{dataset, faces, reference};
 
     use super::*;
 
@@ -281,7 +281,7 @@ mod tests {
         run(&options).expect("an archive");
         let samples = dataset::load(&options.out).expect("a dataset");
         assert_eq!(samples.len(), 24);
-        let [yaw, pitch, roll] = judge::pose_error_deg(&samples).expect("poses");
+        let [yaw, pitch, roll] = faces::pose_error_deg(&samples).expect("poses");
         assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
         let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
         assert!(mean_turn > 6.0, "heads must turn, or a wrong sign would go unnoticed: {mean_turn}");

@@ -8,16 +8,16 @@ use glam::{Vec2, Vec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rand_distr::StandardNormal;
 
 use super::acting::Expressions;
-use super::assets::Assets;
+use super::assets::{Assets, TextureChoice};
 use super::camera::Effects;
 use super::expression::Coefficients;
 use super::person::{Person, random_looks};
 use super::props::{Prop, random_occluder};
-use super::render::FACE_CM;
-use super::scene::{Backdrop, Lens, Lighting, Placement, Scene, random_effects, random_lighting};
+use super::rig::normal;
+use super::scene::{Backdrop, FACE_CM, Lens, Placement, Scene, random_effects, random_lighting};
+use super::shade::Lighting;
 use super::variety::{Condition, Conditions, Factor, Without};
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
@@ -30,9 +30,6 @@ const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
 /// The part of a subject's random numbers from which its conditions are drawn, and the bit of the streams for occluders.
 const CONDITIONS: u64 = u16::MAX as u64;
 const OCCLUDERS: u64 = 1 << 63;
-
-/// Indices of the skins, brows and eyes to draw from, at least one of each.
-pub type TextureChoice = [Vec<usize>; 3];
 
 pub struct Variety {
     pub textures: TextureChoice,
@@ -66,10 +63,6 @@ pub struct PictureSpec {
     pub scene: Scene,
     pub effects: Effects,
     pub neutral: bool,
-}
-
-pub fn normal(rng: &mut ChaCha8Rng, deviation: f32, limit: f32) -> f32 {
-    (rng.sample::<f32, _>(StandardNormal) * deviation).clamp(-limit, limit)
 }
 
 impl Subject {

@@ -13,33 +13,15 @@ use turbojpeg::Subsamp;
 use super::camera::Effects;
 use super::expression::{Coefficients, head_rotation};
 use super::props::Prop;
-use super::rig::smoothstep;
-use super::sample::normal;
+use super::rig::{normal, smoothstep};
+use super::shade::{Light, Lighting};
 
 pub const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
+/// Width of a face seen from the front in centimetres.
+pub const FACE_CM: f32 = 14.5;
 /// The approximate position of the tip of the nose.
 const NOSE: Vec3 = Vec3::new(0.0, 0.4, 13.0);
-/// Between these heights the neck's motion changes from the head's to the shoulders', in centimetres.
-const NECK: [f32; 2] = [-8.5, -15.0];
 const SHOULDERS: f32 = 0.25;
-
-#[derive(Debug, Clone, Copy)]
-pub struct Light {
-    pub toward: Vec3,
-    /// Colour in linear light, about 0 to 1.
-    pub colour: Vec3,
-}
-
-#[derive(Debug, Clone)]
-pub struct Lighting {
-    /// Ambient light as spherical harmonics of degree 0 and 1: its mean, and its gradient along x, y and z.
-    pub ambient: [Vec3; 4],
-    pub lights: Vec<Light>,
-    /// Whether the first of `lights` casts shadows.
-    pub shadows: bool,
-    /// Width of the penumbra in centimetres.
-    pub softness: f32,
-}
 
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
@@ -66,15 +48,8 @@ pub struct Scene {
 impl Scene {
     pub fn nose(&self) -> Option<Vec2> {
         let mut tip = [NOSE];
-        self.placement.place(&mut tip, &[0.0]);
+        self.placement.place(&mut tip, [0.0]);
         self.lens.project(tip[0]).map(|(pixel, _)| pixel)
-    }
-}
-
-impl Lighting {
-    pub fn ambient(&self, normal: Vec3) -> Vec3 {
-        let [mean, x, y, z] = self.ambient;
-        (mean + normal.x * x + normal.y * y + normal.z * z).max(Vec3::ZERO)
     }
 }
 
@@ -96,19 +71,15 @@ impl Placement {
     }
 
     /// Moves points of the rig to the world. `shoulder` is the weight of the shoulders' rotation for each point.
-    pub fn place(&self, points: &mut [Vec3], shoulder: &[f32]) {
+    pub fn place(&self, points: &mut [Vec3], shoulder: impl IntoIterator<Item = f32>) {
         let [head, body] = self.rotations();
         for (point, share) in points.iter_mut().zip(shoulder) {
             let offset = *point - PIVOT;
             let turned = head * offset;
-            let blended = if *share > 0.0 { turned.lerp(body * offset, *share) } else { turned };
+            let blended = if share > 0.0 { turned.lerp(body * offset, share) } else { turned };
             *point = self.position + blended;
         }
     }
-}
-
-pub fn shoulder(point: Vec3) -> f32 {
-    smoothstep(-NECK[0], -NECK[1], -point.y)
 }
 
 fn direction(rng: &mut ChaCha8Rng, toward: Vec3, spread: f32) -> Vec3 {
@@ -275,7 +246,7 @@ mod tests {
     fn a_head_away_from_the_middle_faces_the_camera() {
         let placement = Placement { angles_deg: [0.0; 3], position: Vec3::new(20.0, -5.0, -60.0) };
         let mut points = [PIVOT, PIVOT + 9.0 * Vec3::Z];
-        placement.place(&mut points, &[0.0; 2]);
+        placement.place(&mut points, [0.0; 2]);
         let screen = points.map(|point| LENS.project(point).map(|(pixel, _)| pixel).unwrap_or_default());
         assert!((screen[0] - screen[1]).length() < 1e-2, "the nose attributes the middle of the head");
     }
@@ -284,7 +255,7 @@ mod tests {
     fn shoulders_follow_a_quarter_of_the_heads_rotation() {
         let placement = Placement { angles_deg: [40.0, 0.0, 0.0], position: Vec3::new(0.0, 0.0, -60.0) };
         let mut points = [PIVOT + Vec3::Z, PIVOT + Vec3::Z];
-        placement.place(&mut points, &[0.0, 1.0]);
+        placement.place(&mut points, [0.0, 1.0]);
         let [head, shoulder] = points.map(|point| (point - placement.position).x.asin().to_degrees());
         assert!((head - 40.0).abs() < 1e-3 && (shoulder - 10.0).abs() < 1e-3);
     }

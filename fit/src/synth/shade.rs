@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::canvas::{Grid, Position};
 use super::rig::Triangle;
-use super::scene::{Light, Lighting};
 
 /// Wrap of the cosine on skin, and on other materials.
 const SKIN_WRAP: Vec3 = Vec3::new(0.42, 0.17, 0.11);
@@ -17,6 +16,31 @@ const FRESNEL: f32 = 0.03;
 const SKY_GLOSS: f32 = 0.02;
 /// Vertices that face away further than this (cosine) are invisible and not lit.
 const HIDDEN: f32 = -0.35;
+
+#[derive(Debug, Clone, Copy)]
+pub struct Light {
+    pub toward: Vec3,
+    /// Colour in linear light, about 0 to 1.
+    pub colour: Vec3,
+}
+
+#[derive(Debug, Clone)]
+pub struct Lighting {
+    /// Ambient light as spherical harmonics of degree 0 and 1: its mean, and its gradient along x, y and z.
+    pub ambient: [Vec3; 4],
+    pub lights: Vec<Light>,
+    /// Whether the first of `lights` casts shadows.
+    pub shadows: bool,
+    /// Width of the penumbra in centimetres.
+    pub softness: f32,
+}
+
+impl Lighting {
+    pub fn ambient(&self, normal: Vec3) -> Vec3 {
+        let [mean, x, y, z] = self.ambient;
+        (mean + normal.x * x + normal.y * y + normal.z * z).max(Vec3::ZERO)
+    }
+}
 
 #[derive(Debug, Clone, Copy, Default)]
 pub struct VertexLight {

@@ -15,8 +15,8 @@ use turbojpeg::Subsamp;
 use super::camera::Effects;
 use super::person::{BeardStyle, Looks};
 use super::props::Glasses;
-use super::render::FACE_CM;
-use super::scene::{Lens, Light, Lighting};
+use super::scene::{FACE_CM, Lens};
+use super::shade::{Light, Lighting};
 
 const GLASSES: f32 = 0.12;
 const SIDE_LIGHT: f32 = 0.05;

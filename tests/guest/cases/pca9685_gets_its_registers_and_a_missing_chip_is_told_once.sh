@@ -70,14 +70,16 @@ await has 0x0c 0x33
 
 await logged 1 'address 0x41: no chip answers'
 
-# servo: runs `facewire servo` in a terminal, whose keys come from the pipe and whose screen goes to a file
-servo() { socat "EXEC:$work/facewire servo --channel 1 --pca9685 $bus,pty,stderr,setsid" - <$work/keys >$work/screen 2>&1; }
-mkfifo $work/keys
-: >$work/screen
-servo &
-exec 9>$work/keys
-await grep -q 'another program moves servos there' $work/screen
-exec 9>&-
+# servo: runs `facewire servo` in a terminal, whose keys come from standard input and whose screen goes to a file
+servo() {
+    timeout 120 socat "EXEC:$work/facewire servo --channel 1 --pca9685 $bus,pty,stderr,setsid" -,ignoreeof >$work/screen 2>&1
+}
+# The terminal may lose the last words of a program that ends at once, so it is asked until they come.
+is_refused() {
+    servo </dev/null || true
+    grep -q 'another program moves servos there' $work/screen
+}
+await is_refused
 kill -TERM $service
 status=0
 wait $service || status=$?
@@ -88,8 +90,9 @@ wait $service || status=$?
 has 0x0c 0x33 || fail 'after the end, channel 1 is not neutral'
 has 0x15 0x10 || fail 'after the end, channel 3 is not released'
 
+mkfifo $work/keys
 : >$work/screen
-servo &
+servo <$work/keys &
 moved=$!
 exec 9>$work/keys
 await grep -q 'no pulses' $work/screen

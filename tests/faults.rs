@@ -1,7 +1,7 @@
 //! What receivers see, in real time, if the face is lost, or if the camera or an inference fails.
 //!
-//! `src/service/failsafe/` tests the times of the failsafe to the microsecond, because time is a number there. Here the
-//! times are lower bounds, since the machine may be busy.
+//! `src/service/failsafe/` tests the times of the failsafe to the microsecond, in simulated time. Here they are lower
+//! bounds, since the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;

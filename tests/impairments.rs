@@ -1,4 +1,4 @@
-//! What makes tracking poor is told where it does, and not where it does not.
+//! An impairment is reported where it makes tracking poor, and only there.
 //!
 //! The tests disturb the built-in clip as a camera would (dim light with its noise, light from behind, a face that is far
 //! away or cut off), and compare its coefficients with those of the undisturbed clip. To see the figures from which the

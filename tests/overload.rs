@@ -1,7 +1,7 @@
 //! A board that is too slow, hot or badly supplied, as receivers and operators see it.
 //!
-//! `src/service/adaptation/tests.rs` tests the choice of the step over minutes and days, where time is a number. Here the
-//! camera of a rehearsal takes its time, and packets are judged by the times of capture that they carry.
+//! `src/service/adaptation/tests.rs` tests the choice of the step over minutes and days of simulated time. Here the camera
+//! of a rehearsal takes real time, and packets are judged by the times of capture that they carry.
 //! `FACEWIRE_OVERLOAD_MINUTES=10 cargo test --release --test overload -- --nocapture overload_of` runs each overload for ten
 //! minutes, on an idle machine, and prints what it has seen.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
@@ -36,7 +36,7 @@ impl Overload {
         self.receiver.rest();
     }
 
-    /// Of how many frames of the camera the service processes one, by the last change in its log.
+    /// The service processes one in so many frames of the camera, by the last change in its log.
     fn every(&self) -> u32 {
         let every = |line: &str| line.split_once(": one frame in ")?.1.split(' ').next()?.parse().ok();
         self.service.log().lines().rfind(|line| line.contains(" step ")).and_then(every).unwrap_or(1)
@@ -75,8 +75,8 @@ fn minutes() -> Option<u32> {
     Some(std::env::var("FACEWIRE_OVERLOAD_MINUTES").ok()?.parse().unwrap())
 }
 
-/// Plays a decoding of so many frame periods. The step that fits takes every `every`th frame; a busy machine may need a
-/// lower one.
+/// Plays a scene in which decoding takes several frame periods. The step that fits takes every `every`th frame; a busy
+/// machine may need a step that takes fewer.
 fn assert_overload(scene: &str, every: u32) {
     let overload = Overload::start(&format!("{scene} 3600"), "");
     overload.logged(" is processed, because a frame takes ");
@@ -103,7 +103,7 @@ fn assert_overload(scene: &str, every: u32) {
     assert!(counted(&log, "left_out") > 0, "{log}");
 }
 
-/// Asserts that no live packet is older than three periods of the step.
+/// Asserts that no live packet is older than three periods of the step. Returns the greatest age, microseconds.
 fn assert_live(packets: &[Packet], every: u32) -> u32 {
     let live = || packets.iter().filter(|packet| packet.state == State::Live);
     let oldest_us = live().map(|packet| packet.age_us).max().unwrap();

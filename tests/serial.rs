@@ -263,7 +263,7 @@ fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_wa
     stable.leads_to(&board);
     let service = serve(&(serial(&board.device) + &udp(&receivers[0])));
     board.next();
-    // Another receiver and another pace; another baud rate; the same port by another name.
+    // These change the receiver and the pace, then the baud rate, then the name of the same port.
     for (link, opened) in [
         (serial(&board.device) + "pace = \"change\"\n", 1),
         (serial(&board.device) + "baud = 230400\n", 2),

@@ -17,10 +17,11 @@ use super::take::{Refusal, Take, Takes, doubt, learn};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
+/// How long the wearer holds still for the neutral take and for the others.
 const MEASURE_S: [f32; 2] = [1.5, 0.7];
 /// Time after which a take that is not accepted is given up, counted while a face is seen under fair conditions.
 const PATIENCE_S: [f32; 2] = [15.0, 5.0];
-/// Time under poor conditions after which a pose is left out, and in all after which the calibration ends.
+/// Time under poor conditions after which a pose is left out, and after which, over all takes, the calibration ends.
 const HINDERED_S: f32 = 8.0;
 const ALL_HINDERED_S: f32 = 30.0;
 /// Time constant with which the strength of a pose is smoothed.
@@ -30,7 +31,7 @@ const PATIENCE_FRAMES: u32 = 15;
 /// Longest time between two frames of one hold: this time, or with a slow camera this many frames.
 const GAP_S: f32 = 1.0;
 const GAP_FRAMES: f32 = 3.0;
-/// One part in this many of the mean time between frames comes from the newest one.
+/// The newest time between frames enters their moving average with the weight of one over this.
 const PERIOD_SHARE: f32 = 8.0;
 const MAX_PERIOD_S: f32 = 5.0;
 /// Longest blink that is left out. A blink that a slow camera shows in one frame is never too long.
@@ -103,7 +104,9 @@ pub struct Guide {
 
 #[derive(Debug, Default)]
 struct Stage {
+    /// Time since the guide asked for the take.
     since_s: f32,
+    /// Time and frames under fair conditions, after the time to get ready.
     tried_s: f32,
     tried_frames: u32,
     hindered_s: f32,
@@ -182,8 +185,8 @@ impl Guide {
         }
     }
 
-    /// Returns the time since the last frame, at most the longest within one hold. After a longer time, and after a clock
-    /// that ran backwards, a hold begins anew.
+    /// Returns the time since the last frame, but no more than the longest time between two frames of one hold. A longer
+    /// time, and a clock that ran backwards, end the hold.
     fn step_s(&mut self, time_us: u64) -> f32 {
         let Some(last_us) = self.last_us.replace(time_us) else { return 0.0 };
         let Some(passed_us) = time_us.checked_sub(last_us) else {
@@ -304,6 +307,7 @@ impl Guide {
     }
 }
 
+/// Chooses between the values for the neutral take and for the poses.
 fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
     if take == Take::Neutral { neutral } else { pose }
 }

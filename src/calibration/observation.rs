@@ -6,10 +6,11 @@ use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral}
 
 use super::take::{LIDS, Refusal, Take, Takes, mean_of};
 
-/// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and from there in the others.
+/// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and in the other takes from where
+/// it was in the neutral one.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
 const TURNED_DEG: f32 = 12.0;
-/// General coefficients from which on a face does not rest. Faces at rest measured from the mean of many people stay below.
+/// Coefficients, measured from the mean of many people, above which a face is not at rest. Faces at rest stay below.
 const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
 const OPEN: f32 = 0.4;
@@ -21,7 +22,7 @@ const STILL_DEG: f32 = 4.0;
 const REST_MOVES: f32 = 0.25;
 /// Change of the lids from which on a frame of the neutral take shows a blink.
 const BLINK: f32 = 0.25;
-/// By how much a pose may grow during a hold, and from what share of its peak on it counts as released.
+/// Factor by which a pose may grow during a hold, and share of its peak below which it counts as released.
 const GROWS: f32 = 1.2;
 const RELEASED: f32 = 0.7;
 

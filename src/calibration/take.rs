@@ -47,8 +47,8 @@ impl Take {
         self.properties().2
     }
 
-    /// Strength, less that of the neutral take, from which on it counts as seen. The faintest poses of people who
-    /// were asked for them lie above, and what a face at rest shows lies below.
+    /// By how much the strength must exceed that of the neutral take for the pose to count as seen. The faintest poses of
+    /// people who were asked for them exceed it by more, and faces at rest by less.
     pub(super) fn threshold(self) -> f32 {
         self.properties().3
     }
@@ -91,7 +91,7 @@ impl Take {
     pub(super) fn lids(self) -> f32 {
         match self {
             Self::Neutral | Self::EyesShut => f32::INFINITY,
-            // The lids follow these.
+            // These poses lower the lids, too.
             Self::LookDown | Self::BrowsDown | Self::Smile => 0.8,
             _ => 0.5,
         }
@@ -113,7 +113,7 @@ pub enum Refusal {
     NoFace,
     #[error("The face is too dark: turn on a light in front of you")]
     TooDark,
-    /// Also if the head is not as in the neutral take.
+    /// In a pose: the head is not turned as it was in the neutral take.
     #[error("The head is turned: face the camera")]
     HeadTurned,
     #[error("The head moves: keep it still")]
@@ -148,7 +148,7 @@ const LEAST_MEASURED: f32 = 0.1;
 /// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is computed.
 ///
 /// A typical reading is the mean over 20 rendered people who show 75 to 100 % of the expression. The powers have the
-/// least mean squared error over 20 s of recorded expressions; each half of the people gives them within 0.25.
+/// least mean squared error over 20 s of recorded expressions; either half of the people alone gives them within 0.25.
 fn typical(pose: Take) -> (f32, f32) {
     match pose {
         Take::EyesShut => (0.79, 1.0),
@@ -164,7 +164,7 @@ fn typical(pose: Take) -> (f32, f32) {
 pub(super) struct Known {
     pub(super) neutral: Neutral,
     pub(super) head_deg: [f32; 3],
-    /// Output of the regression for it, relative to itself.
+    /// Output of the regression for the neutral face, measured from that face itself.
     pub(super) raw: [f32; COEFFS],
 }
 
@@ -200,15 +200,15 @@ impl Takes {
 /// Learns the wearer's profile.
 ///
 /// The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from
-/// itself. The gain of a coefficient compares what the pose that raises it reads with what it reads of most people, by the
-/// shipped model. Shut lids then read 1. In other poses, how far people go differs from time to time, and a model that reads
-/// little of a full expression often reads most of a small one. The gain therefore makes up only a part of the difference,
-/// and is 1 for poses where a gain would make expressions between rest and pose worse.
+/// itself. The gain of a coefficient compares its reading in the pose that raises it with the reading that the shipped
+/// model gives for most people. Shut lids then read 1. In other poses, how far people go differs from time to time, and a
+/// model that reads little of a full expression often reads most of a small one. The gain therefore makes up only a part
+/// of the difference, and is 1 for poses where a gain would make expressions between rest and pose worse.
 pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     let known = takes.neutral.as_ref()?;
     let mut profile = Profile { neutral: Some(known.neutral.clone()), ..Profile::default() };
     for (rest, (raw, terms)) in profile.rest.iter_mut().zip(known.raw.iter().zip(&model.correction.0)) {
-        // A reading below 0 is sent as 0. Taking it off, too, would lift the noise of the resting face.
+        // A reading below 0 is sent as 0 in any case. Subtracting it would lift the noise of the resting face.
         *rest = terms.rest_of(*raw).clamp(0.0, MAX_REST);
     }
     for pose in takes.poses.keys().copied() {
@@ -225,7 +225,7 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
 }
 
 /// The neutral take is in doubt if the median reading of a part of the face, in the poses that leave that part at rest,
-/// lies this far or farther from the neutral take.
+/// lies farther below that of the neutral take than this.
 const BELOW: f32 = -0.2;
 const LEAST_POSES: usize = 3;
 

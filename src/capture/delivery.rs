@@ -1,18 +1,18 @@
 //! Counts what a camera delivers: its true frame rate, and the frames that are lost on the way.
 //!
 //! The counts come from the driver's sequence numbers and timestamps, so that they do not depend on which frames the
-//! reader skips. Both are needed, because drivers err in either:
+//! reader skips. Both are needed, because drivers get either of them wrong:
 //! - Some drivers number every frame 0, and uvcvideo has numbered the frames of some cameras 0, 2, 4. The smallest
 //!   difference since the camera was opened is therefore taken for one frame.
 //! - A gap in the numbers counts only if the timestamps show it, too.
 //! - A driver also drops frames while the reader leaves it no buffer, and not every driver numbers these. A frame that
-//!   waited long in its buffer says so, and the time after it does not count.
+//!   waited long in its buffer shows this, and the time after it does not count.
 
 /// Time over which frames are counted together, microseconds.
 const WINDOW_US: u64 = 1_500_000;
 /// A driver that skips more numbers has begun to count anew.
 const MAX_NUMBERS: u64 = 10_000;
-/// Age in frame periods from which a frame that waited in its buffer shows that the reader was late.
+/// A frame that waited in its buffer for more than so many frame periods shows that the reader was late.
 const LATE_PERIODS: u64 = 2;
 
 /// What a camera delivered within a window of about 1.5 s.
@@ -52,7 +52,7 @@ pub(super) struct Arrival {
 pub(super) struct DeliveryCounter {
     period_us: u64,
     last: Option<Arrival>,
-    /// Smallest difference of the sequence numbers of two frames, without 0.
+    /// Smallest difference between the sequence numbers of two frames, apart from 0.
     step: Option<u64>,
     time_us: u64,
     pairs: u64,

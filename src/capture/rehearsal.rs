@@ -3,7 +3,8 @@
 //!
 //! The clock of a rehearsal starts when the process first opens one, and keeps running while the camera is closed. What
 //! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
-//! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
+//! repeats this. `random 7` plays parts of 2 s, of which every other one begins with a fault of random kind and length; the
+//! number seeds the generator.
 
 use std::mem::take;
 use std::sync::OnceLock;
@@ -24,9 +25,9 @@ const MAX_SKIPPED: u32 = 300;
 const RANDOM_SCENE_US: u64 = 2_000_000;
 const SHORTEST_FAULT_US: u64 = 100_000;
 const GREY: u8 = 128;
-/// By this the clip's luma is divided in the dark: to one 150th of its light.
+/// In the dark, the clip's luma is divided by this. Luma is gamma-coded, so about one 150th of the light is left.
 const DARKNESS: u8 = 10;
-/// Columns of the clip, of 640, that are outside the picture. They hold a quarter of the face.
+/// So many of the clip's 640 columns are outside of a cut-off picture, on its left. They hold a quarter of the face.
 const CUT_OFF: usize = 270;
 /// At half rate every other frame is delivered, and with losses all but every eighth.
 const HALF_RATE: u64 = 2;
@@ -37,7 +38,7 @@ pub(super) struct Rehearsal {
     clip: Clip,
     /// `None` plays the clip without faults.
     script: Option<Script>,
-    /// Memory for pictures that are made of those of the clip.
+    /// Grey picture for the scenes that change the clip's pictures.
     canvas: Vec<u8>,
     sent: Sent,
     timeout: Duration,
@@ -94,6 +95,7 @@ impl Rehearsal {
         Ok(captured_us)
     }
 
+    /// Returns the time, in frame periods, by which the scene lengthens the decoding of a frame.
     fn added_periods(&self, scene: Scene) -> f64 {
         match scene {
             Scene::Slow2 => 2.0,
@@ -177,8 +179,8 @@ impl Source for Rehearsal {
     }
 }
 
-/// Returns how many frames from `due_us` on are older than the newest one, apart from those that are due before `wanted_us`,
-/// and how many the latter are.
+/// Counts the frames to skip, of which the first is due at `due_us`: those from `wanted_us` on that are older than the
+/// newest one, and those before `wanted_us`.
 fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> [u32; 2] {
     let count = |periods: u64| u32::try_from(periods).unwrap_or(u32::MAX);
     let left_out = count(wanted_us.saturating_sub(due_us).div_ceil(period_us));
@@ -220,7 +222,7 @@ fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
 #[derive(Debug)]
 struct Sent {
     period_us: u64,
-    /// Number of the next frame of the clip that was not played.
+    /// Number of the first frame of the clip that was not counted yet.
     next: u64,
     delivery: DeliveryCounter,
 }

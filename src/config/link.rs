@@ -152,6 +152,7 @@ section! {
         offset: f32 = 0.0, number(-10.0..=10.0, "");
         pulse_at_0_us: u32 = 1000, whole(64..=4080, " (microseconds)");
         pulse_at_1_us: u32 = 2000, whole(64..=4080, " (microseconds)");
+        // Below 0 stands for the position of the neutral face.
         neutral: f32 = -1.0, number(-1.0..=1.0, "");
         speed_per_s: f32 = 0.0, number(0.0..=100.0, " (1/s)");
         acceleration_per_s2: f32 = 0.0, number(0.0..=1000.0, " (1/s²)");
@@ -173,7 +174,7 @@ choices! {
     pub enum MaestroProtocol: Compact = "compact", Pololu = "pololu"
 }
 choices! {
-    /// What a channel does once the face is lost and has moved to neutral. A released servo gets no more pulses.
+    /// What a channel does once the face is lost and the channel is back at neutral. A released servo gets no more pulses.
     pub enum AtLoss: Neutral = "neutral", Release = "release"
 }
 
@@ -239,7 +240,7 @@ pub enum CarrierSettings<'a> {
     UnixSocket(&'a Path),
 }
 
-/// What "auto" stands for.
+/// The kind of board for which `device = "auto"` searches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AutoDevice {
     #[default]
@@ -276,8 +277,8 @@ impl LinkSettings {
         link
     }
 
-    /// The link to the microcontroller board that is plugged in. Its own rate suits its baud rate, whatever the camera's
-    /// rate and that of `[send]` are.
+    /// The link to the microcontroller board that is plugged in. It has a rate of its own that suits its baud rate,
+    /// whatever the rates of the camera and of `[send]` are.
     pub(super) fn to_the_board() -> Self {
         let pace = PaceSettings { pace: PaceKind::Change, rate_hz: BOARD_HZ, ..PaceSettings::default() };
         Self { kind: LinkKind::Serial(SerialSettings::default()), pace, ..Self::default() }

@@ -15,7 +15,7 @@ struct Fault {
     key: String,
     /// Whether the value is wrong by itself: of another type, or out of bounds.
     is_invalid_value: bool,
-    /// Begins with `file:line:`, unless the fault is that of a file or of several settings together.
+    /// Begins with `file:line:`, unless the fault concerns a whole file or several settings together.
     sentence: String,
 }
 
@@ -49,7 +49,7 @@ impl Faults {
 }
 
 pub struct Entry<'a> {
-    /// The key after those of the tables around it, such as `camera.width`.
+    /// The key, preceded by those of the tables around it, such as `camera.width`.
     pub path: String,
     pub value: &'a Spanned<DeValue<'a>>,
 }
@@ -72,7 +72,7 @@ pub trait Section {
         self.fields().iter().map(|(key, _)| *key).collect()
     }
 
-    /// Says why a key that the section does not have is none, if there is more to say than which key is similar.
+    /// Returns the end of the sentence that a key is not a setting, if there is a better one than which key is similar.
     fn objection(&mut self, _key: &str) -> Option<String> {
         None
     }
@@ -123,7 +123,7 @@ pub(super) use section;
 pub struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
-    /// The faults found so far, each with its byte in the text.
+    /// The faults found so far, each with its byte offset in the text.
     found: Vec<(usize, Fault)>,
 }
 

@@ -23,10 +23,10 @@ const DEVICE_TREES: [(&str, &[&str]); 6] = [
     ("orange-pi-5", &["rockchip,rk3588", "rockchip,rk3588s"]),
     ("radxa-zero-3", &["rockchip,rk3566"]),
 ];
-/// How the names of Intel's processors with nothing but efficient cores begin, before a number: N95, N97, N100, N150. The
+/// The names of Intel's processors that have only efficient cores begin with this and a number: N95, N97, N100, N150. The
 /// names of older ones contain "Celeron" or "Pentium".
 const INTEL_N: &str = "Intel(R) N";
-/// What makers leave in the firmware's tables.
+/// What manufacturers leave in the firmware's tables instead of a name.
 const PLACEHOLDERS: [&str; 6] =
     ["", "Default string", "To Be Filled By O.E.M.", "System Product Name", "System manufacturer", "Not Specified"];
 /// ARM's numbers of cores, in `CPU part` of `/proc/cpuinfo` (Main ID registers of Arm's technical reference manuals).
@@ -68,6 +68,7 @@ impl Machine {
         Self { name: name.unwrap_or("generic"), model: model(root, processor), recognised_by }
     }
 
+    /// Says which board's settings are in force, and why.
     pub fn tell(&self, in_force: &str) -> String {
         let Self { name, model, recognised_by } = self;
         match recognised_by {
@@ -120,7 +121,7 @@ pub fn processors(root: &Path) -> String {
     if counts.is_empty() { "unknown".to_owned() } else { counts.join(", ") }
 }
 
-/// Returns the memory that the kernel uses.
+/// Returns the memory that the kernel manages, MiB.
 pub fn memory_mb(root: &Path) -> Option<u64> {
     let memory = fs::read_to_string(root.join("proc/meminfo")).ok()?;
     let total = memory.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
@@ -128,11 +129,11 @@ pub fn memory_mb(root: &Path) -> Option<u64> {
 }
 
 /// A Raspberry Pi's flags of low voltage and reduced clock rate, as the program `vcgencmd` prints them. Only commands that
-/// a person calls ask for them: the service starts no programs. They also tell what has been since the board's start.
+/// a person runs ask for them: the service starts no programs. The flags also tell what happened since the board's start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Flags(u32);
 
-/// What the bits from 0 and, for all the time since the start, from 16 on mean.
+/// What the bits from 0 on mean, for now, and the bits from 16 on, for any time since the start.
 const MEANINGS: [&str; 4] = ["low voltage", "clock rate capped", "throttled", "soft temperature limit"];
 const LOW_VOLTAGE: u32 = 1 << 16 | 1;
 const SLOWED_DOWN: u32 = 0b110 << 16 | 0b110;

@@ -36,10 +36,10 @@ const ZONES: [&str; 6] =
 const CHIPS: [&str; 2] = ["coretemp", "k10temp"];
 /// Thermal zones of PCs. `acpitz` comes last: on many boards it reports a constant.
 const PC_ZONES: [&str; 3] = ["x86_pkg_temp", "TCPU", "acpitz"];
-/// Cooling devices that slow the processor down. Fans and graphics processors are others.
+/// Types of the cooling devices that slow the processor down. Others drive fans or slow a graphics processor down.
 const SLOWING: [&str; 3] = ["thermal-cpufreq", "cpufreq-", "Processor"];
 
-/// Where a sensor that names only its critical temperature is taken for hot, below that temperature. Raspberry Pis, with
+/// A sensor that names only its critical temperature counts as hot from so far below it on. Raspberry Pis, with
 /// 90 °C, slow down from 80 °C on.
 const BELOW_CRITICAL_C: f32 = 10.0;
 /// The limit of a sensor that names no temperatures: the usual passive trip point of boards.
@@ -140,6 +140,7 @@ pub struct Sensors {
     throttle_counts: Vec<PathBuf>,
     /// The alarm of the supply voltage, on Raspberry Pis: whether it has been too low within the last 2 s.
     voltage_alarm: Option<PathBuf>,
+    /// Folders of groups of processors that share one clock.
     policies: Vec<PathBuf>,
 }
 
@@ -168,7 +169,7 @@ impl Sensors {
         self.throttle_counts.iter().filter_map(|path| number(path)).sum()
     }
 
-    /// Returns a line that shows the sensors, and what they mean. The processor is hot from this much below the limit on.
+    /// Returns a line that shows the sensors, and what they mean. The processor is hot from so far below its limit on.
     pub fn read(&self, below_limit_c: f32) -> (String, ImpairmentSet) {
         let temperature = self.thermometer.as_ref().and_then(|found| Some((found, celsius(&found.file)?)));
         let is_slowed = self.cooling_states.iter().any(|path| number(path).is_some_and(|state| state > 0));

@@ -32,7 +32,7 @@ const START: [u8; 8] = *b"FWREC\0\0\x01";
 const MAX_CHUNK_BYTES: usize = 1 << 20;
 /// Time after which a chunk is written, microseconds.
 const CHUNK_US: u64 = 1_000_000;
-/// Number of chunks after which the disk is asked to keep what it was given. More often would wear out memory cards.
+/// Number of chunks after which the file is synced to the disk. To sync more often would wear out memory cards.
 const SYNC_CHUNKS: u32 = 10;
 
 #[derive(Debug, thiserror::Error)]
@@ -41,7 +41,7 @@ pub enum RecordingError {
     Other,
     #[error("it was made by a later version of facewire; use that version, or a later one")]
     Version,
-    /// A chunk does not have its checksum, or holds no frames.
+    /// A chunk is too long, does not match its checksum, or does not hold whole frames.
     #[error("it is damaged after frame {frames}; the frames before that were used")]
     Damaged { frames: u64 },
     #[error("it cannot be read: {0}")]
@@ -55,7 +55,7 @@ pub struct Writer {
     written_bytes: u64,
     chunk: Vec<u8>,
     before: Box<Steps>,
-    /// When the first frame was captured, and the first one of the chunk.
+    /// Times of capture of the first frame and of the first one of the chunk, microseconds.
     begun_us: Option<(u64, u64)>,
     chunks: u32,
     /// Frames in the file, and those in the chunk.
@@ -94,7 +94,7 @@ impl Writer {
         Ok(true)
     }
 
-    /// Number of the frames that were given and not discarded.
+    /// Number of the frames that were added and not discarded.
     pub fn frames(&self) -> u64 {
         self.frames + self.chunk_frames
     }
@@ -164,8 +164,8 @@ impl<R: Read> Reader<R> {
         Ok(Self { input, chunk: Vec::new(), read: 0, before: Box::new(std::array::from_fn(|_| 0)), frames: 0 })
     }
 
-    /// Returns the next frame, or `None` at the end. A chunk that was not written to its end is the end, because that is
-    /// how a recording ends that was interrupted.
+    /// Returns the next frame, or `None` at the end. An incomplete chunk counts as the end, because a recording that was
+    /// interrupted ends with one.
     pub fn next_frame(&mut self) -> Result<Option<Recorded>, RecordingError> {
         if self.read >= self.chunk.len() && !self.read_chunk()? {
             return Ok(None);
@@ -210,7 +210,7 @@ impl<R: Read> Reader<R> {
     }
 }
 
-/// Fills the buffer. Returns `false` if the input ends before.
+/// Fills the buffer. Returns `false` if the input ends before it is full.
 fn is_filled(input: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
     match input.read_exact(buffer) {
         Ok(()) => Ok(true),

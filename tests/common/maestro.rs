@@ -1,4 +1,4 @@
-//! A Maestro that holds to its user's guide (<https://www.pololu.com/docs/0J40>), at the end of a pseudo-terminal.
+//! A simulated Maestro at the end of a pseudo-terminal, after its user's guide (<https://www.pololu.com/docs/0J40>).
 
 use std::io::{Read as _, Write as _};
 use std::path::PathBuf;

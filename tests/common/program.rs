@@ -8,8 +8,8 @@ use std::thread;
 
 use tempfile::NamedTempFile;
 
-/// Returns a command that runs the program with these arguments, on a board that is not recognised and has no sensors:
-/// what is hot or saves power here is not what most tests are about.
+/// Returns a command that runs the program with these arguments, on a board that is not recognised and has no sensors,
+/// so that the heat and the power saving of this machine do not affect the tests.
 pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
     command.args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");

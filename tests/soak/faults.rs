@@ -1,4 +1,4 @@
-//! Random faults of the links, and of inferences: the thread that runs them is stopped wherever it is.
+//! Random faults of the links, and stops of the thread that runs the inferences, wherever it is.
 //!
 //! The service's own rehearsal plays the faults of the camera and the face. Changes of settings are not faults, but come
 //! as unexpectedly.
@@ -12,8 +12,8 @@ use super::process::Process;
 
 /// On average, the settings change once in so many seconds.
 const SETTINGS_RARITY: u32 = 20;
-/// Seconds in which the settings change in any case, before anything is judged: the threads that prepare a reload run
-/// once, and the system keeps the memory of their stacks.
+/// Seconds in which the settings change in any case, before anything is judged: the system keeps the memory of the stacks of
+/// the threads that prepare a reload, once they have run.
 const FIRST_SETTINGS_S: [u32; 3] = [4, 8, 12];
 /// After this many changes, a link changes too: the serial port gets another baud rate.
 const LINK_CHANGE: u32 = 3;

@@ -21,7 +21,7 @@ const MAX_START_BYTES: u64 = 1024;
 /// The header of a plain array is a dictionary, in which the shape is a tuple. Nested brackets would keep the parser busy
 /// without bound.
 const MAX_BRACKETS: usize = 2;
-/// Lengths of so few digits have a product of 64 bits.
+/// Lengths that have so few digits together have a product that fits 64 bits.
 const MAX_DIGITS: usize = 19;
 
 /// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film or a

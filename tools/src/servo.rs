@@ -106,7 +106,7 @@ impl ServoArgs {
     }
 }
 
-/// Reads an address of I2C, such as 0x40 or 64.
+/// Reads an I2C address, such as 0x40 or 64.
 fn address(text: &str) -> Result<u32, String> {
     let number = text.strip_prefix("0x").map_or_else(|| text.parse(), |hex| u32::from_str_radix(hex, 16));
     let number = number.ok().filter(|number| (0x40..=0x7F).contains(number));

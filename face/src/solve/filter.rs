@@ -1,4 +1,4 @@
-//! `F`: the filters that smooth a value over time, a point of `N` numbers.
+//! The filters (`F` in the paper) that smooth a value over time. A value is a point of `N` numbers.
 //!
 //! Every kind returns a weighted mean of its inputs, goes by the time between frames and not by their number, and has the
 //! same two settings. An average over a window of `T` delays by `T / 2`, and so does a low pass with a time constant of
@@ -10,7 +10,7 @@ use averages::{Past, Window};
 
 /// Longest time between two frames that belong together, seconds. After a longer one a filter starts anew.
 pub(super) const LONGEST_STEP_S: f32 = 0.35;
-/// Time between frames at which the settings' size of noise is meant, seconds.
+/// Time between frames to which [`Filter::noise_size`] refers, seconds.
 pub(super) const FRAME_S: f32 = 1.0 / 30.0;
 
 /// How a value is smoothed.
@@ -148,7 +148,8 @@ impl<const N: usize> Estimate<N> {
 const SPEED_TIME_CONSTANT_S: f32 = 0.159;
 
 /// The last output of a One Euro filter (Casiez, Roussel, Vogel, CHI 2012), and its speed in units a second, which is
-/// measured from the last output and smoothed by a low pass of 1 Hz. The time constant is `1 / (2/T + |speed| / small)`.
+/// measured from the last output and smoothed by a low pass of 1 Hz. The time constant is
+/// `1 / (2/time_s + |speed|/noise_size)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion<const N: usize> {
     value: [f32; N],
@@ -240,7 +241,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn after_a_value_that_is_not_finite_or_a_step_that_is_no_time_a_filter_starts_anew() {
+    fn filter_starts_anew_after_a_value_that_is_not_finite_and_after_an_impossible_or_long_time() {
         let steps = [(f32::NAN, FRAME_S), (f32::INFINITY, FRAME_S), (0.5, 10.0), (0.5, f32::NAN), (0.5, -0.02)];
         for (filter, step) in filters().flat_map(|filter| steps.map(|step| (filter, step))) {
             let after: Vec<_> = [step].into_iter().chain(irregular(2).take(50)).collect();

@@ -18,7 +18,7 @@ const WEARER_S: f32 = 60.0;
 const LEAST_SUM_S: f32 = 0.1;
 /// Time before the average of the person in the picture says something, seconds.
 const LEAST_RECENT_S: f32 = 1.5;
-/// Distances from which on a face is, and may be, another person's, and the time for which the first has to last, seconds.
+/// A face farther away than `ANOTHER` for `ANOTHER_S` seconds is another person's; one farther than `DOUBTFUL` may be.
 const ANOTHER: f32 = 3.3;
 const ANOTHER_S: f32 = 1.5;
 const DOUBTFUL: f32 = 2.5;

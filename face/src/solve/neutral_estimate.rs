@@ -1,11 +1,11 @@
-//! Estimates the wearer's neutral face while it watches.
+//! Estimates the wearer's neutral face during tracking.
 //!
-//! A face that faces the camera, holds still, and that the model reads as nearly at rest ([`RestWatch`]), is averaged.
-//! The outputs by which a frame is judged count as measured from the mean of many people, whatever the reference is by
-//! now: otherwise a half-smile that is held would look more like rest the more of it was learned. The reference moves at a
-//! bounded speed. When another person sits down ([`super::identity`]), it moves back, and learning begins anew.
+//! It averages the frames whose face is frontal, holds still, and is nearly at rest by the model's outputs ([`RestWatch`]).
+//! These outputs are measured from the mean of many people and not from the reference learned so far: otherwise a
+//! half-smile that is held would look more like rest the more of it was learned. The reference moves at a bounded speed.
+//! When another person sits down ([`super::identity`]), it moves back, and learning begins anew.
 //!
-//! Limits: of a wearer whose face at rest reads like an expression nothing is learned. Only a calibration helps then.
+//! Limits: nothing is learned of a wearer whose face at rest reads like an expression. Only a calibration helps then.
 
 use super::features::{Neutral, Reference, measure};
 use super::filter::{approach, difference, square};
@@ -16,16 +16,19 @@ use crate::model::MEASURES;
 const LONGEST_STEP_S: f32 = 0.1;
 /// A longer pause between frames is a gap, seconds: somebody else may have sat down.
 const GAP_S: f32 = 0.5;
-/// Speeds that heads hardly reach, per second: eye distances, change of size as a factor, and sine of the turn.
+/// Speeds that heads hardly reach, per second: movement in eye distances, relative change of size, and change of the sines
+/// of yaw and pitch.
 const MOST_SPEED: f32 = 12.0;
 const MOST_ZOOM: f32 = 4.0;
 const MOST_TURN: f32 = 6.0;
 /// Shorter times between frames count as this one, seconds, because frames in quick succession show some jitter, too.
 const SHORTEST_JUMP_S: f32 = 0.033;
-/// Evidence at which the reference is half the wearer's, seconds at full weight: a few frames are a good mean.
+/// Evidence at which the reference is half the wearer's, seconds at full weight. Few frames suffice for a good mean.
 /// `facewire-fit wearers` shows what is learned from wearers who are never at rest.
 const HALF_EVIDENCE_S: f32 = 0.005;
+/// Most evidence that counts, seconds: beyond it, newer frames replace older ones.
 const MEMORY_S: f32 = 30.0;
+/// Highest speeds at which the share of the wearer's face in the reference rises and falls.
 const RISE_PER_S: f32 = 0.05;
 const FALL_PER_S: f32 = 0.25;
 /// Time in which the reference in use follows the estimate by 63 %, seconds.
@@ -49,7 +52,7 @@ pub(super) struct NeutralEstimate {
     /// Mean of the outputs at rest, measured from the mean of many people.
     outputs: [f32; COEFFS],
     evidence_s: f32,
-    /// The face that the reference contains by `share`.
+    /// The wearer's face in the reference, which makes up `share` of it.
     used: Neutral,
     pub(super) share: f32,
     /// Whether `used` shows somebody who has left.
@@ -102,7 +105,7 @@ impl NeutralEstimate {
         }
     }
 
-    /// Whether the face is where hardly a head moves to in this time: perhaps the picture shows somebody else.
+    /// Whether the face moved faster than heads do, so that the picture perhaps shows somebody else.
     fn has_jumped(&mut self, face: &Normalised, dt_s: f32) -> bool {
         let (origin_px, scale_px, turns) = (face.origin_px, face.scale_px, face.turns());
         let Some((last_px, last_scale_px, last_turns)) = self.position.replace((origin_px, scale_px, turns)) else {
@@ -158,6 +161,7 @@ const MOST_OUTPUT: f32 = 0.45;
 const MOST_SHUT: f32 = 0.3;
 /// Least weight that counts: a speaking mouth comes close to rest again and again, which would add up.
 const LEAST_WEIGHT: f32 = 0.05;
+/// The places of `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
 const MOST_MOTION: f32 = 0.2;
@@ -165,8 +169,8 @@ const RECENT_S: f32 = 0.3;
 /// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
 const CALM_S: f32 = 0.8;
 
-/// The recent outputs, by which it is judged how sure it is that a face is at rest: in films of 20 people, the root sum
-/// square of the outputs is at most 0.15 then, and rarely below 0.4 otherwise.
+/// Judges by the recent outputs how sure it is that a face is at rest. In films of 20 people, the root sum square of the
+/// outputs is at most 0.15 at rest, and rarely below 0.4 otherwise.
 #[derive(Debug, Clone, Default)]
 struct RestWatch {
     recent: Option<[f32; COEFFS]>,

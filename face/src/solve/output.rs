@@ -46,7 +46,7 @@ pub const MIRRORED: [usize; COEFFS] = [
 ];
 
 impl Adjustments {
-    /// Changes the coefficients. Whoever has the pose of the head mirrors it, too.
+    /// Changes the coefficients. The caller has to mirror the pose of the head.
     pub fn apply(&self, coefficients: &mut [f32; COEFFS]) {
         if self.mirror {
             let before = *coefficients;

@@ -6,7 +6,7 @@
 //! - In a blink, the eye keeps its direction, which the camera cannot see then ([`GazeState`]).
 //! - A small value at rest is none ([`dead_zone`]). Gaze has no dead zone, because it hardly ever rests in the middle.
 //!
-//! Every rule is continuous, so that no rule makes a step.
+//! Every rule is a continuous function, so that no output jumps when a rule begins to apply.
 
 use super::filter::{FRAME_S, LONGEST_STEP_S};
 use super::{BLENDSHAPES, COEFFS, Coefficients, correction::smoothstep};
@@ -19,7 +19,7 @@ pub struct Rules {
     pub mouth_close: bool,
     /// Opposed blendshapes are not shown together.
     pub opposed: bool,
-    /// A blink closes both lids alike, a wink one.
+    /// A blink closes both lids alike, a wink only one.
     pub lids: bool,
     /// An eye keeps its direction in a blink.
     pub gaze: bool,
@@ -83,11 +83,12 @@ fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
     [less(a, b), less(b, a)]
 }
 
-/// Half of the difference of the lids up to which a blink is meant, and from which on a wink is meant.
+/// If half the difference between the lids is at most the first value, this is a blink; from the second on, a wink.
 const WINK_DIFFERENCE: [f32; 2] = [0.1, 0.25];
+/// Share of the winking lid's value that may appear at the other lid as well.
 const WINK_LEAK: f32 = 0.4;
 
-/// Draws the values of the lids together, the less the more they differ. A blink closes both as far as the one that is
+/// Draws the values of the lids together: the more they differ, the less. A blink closes both as far as the one that is
 /// further shut. In a wink, the lid that is further open loses what comes from the winking lid ([`WINK_LEAK`]).
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
@@ -129,7 +130,7 @@ impl GazeState {
         for ((now, last), (closure, shut_s)) in eyes {
             *shut_s = if closure > LOWERED && dt_s.is_finite() { *shut_s + dt_s } else { 0.0 };
             let share = smoothstep(closure, [LOWERED, SHUT]) * (1.0 - smoothstep(*shut_s, BLINK_S));
-            // The share is meant for the time between frames at 30 frames a second.
+            // `share` is that of one frame at 30 frames a second.
             let held = if share > 0.0 { share.powf(dt_s / FRAME_S) } else { 0.0 };
             now.iter_mut().zip(last).for_each(|(now, last)| *now += held * (last - *now));
         }

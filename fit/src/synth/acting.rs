@@ -102,6 +102,7 @@ impl Expressions {
     }
 }
 
+/// Returns any blendshape but the last, `tongueOut`.
 fn any_shape(rng: &mut ChaCha8Rng) -> usize {
     rng.random_range(0..COEFFS - 1)
 }

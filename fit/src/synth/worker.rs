@@ -104,7 +104,7 @@ fn row(landmarks: &[f32], subject: &Subject, spec: &PictureSpec, tries: u8) -> V
 
 /// Landmarks at the outer eye corners: the person's right, then left.
 const EYE_CORNERS: [usize; 2] = [33, 263];
-/// Largest error of an eye corner, relative to the distance of both, before the landmarks count as another object's.
+/// Largest error of an eye corner, relative to the distance between both, before the landmarks count as another object's.
 const ASTRAY: f32 = 0.3;
 
 struct Finder {

@@ -28,6 +28,7 @@ pub struct Sums {
     still: [f64; 3],
     /// Cross-correlations with the truth at each lag, before and after the filter.
     correlations: [[f64; MOST_LEAD + MOST_LAG + 1]; 2],
+    /// Frames until the filter returned the value that it was given, and number of such values.
     same_value: [f64; 2],
     /// Squared errors after the filter, and their number.
     errors: [f64; 2],
@@ -127,7 +128,8 @@ fn peak(values: &[f64]) -> f64 {
     best as f64 + 0.5 * (before - after) / (before - 2.0 * top + after)
 }
 
-/// Frames until a curve passes `value`, from its second frame on; its first is the one before. `None` if it does not.
+/// Counts the frames from the second of a curve until it passes `value`; `None` if it never does. The first frame only tells
+/// from which side it comes.
 fn frames_until(value: f64, curve: &[f64]) -> Option<f64> {
     for (frame, pair) in curve.windows(2).enumerate() {
         let [from, to] = [pair[0] - value, pair[1] - value];
@@ -212,7 +214,7 @@ pub struct Summary {
     blinks: [Blinks; 2],
     /// Mean and greatest value of the open eye while the other one winks, raw and sent.
     leaks: [[f32; 2]; 2],
-    /// Mean deviation of the gaze from the frame before a blink, raw and sent.
+    /// Mean deviation of the gaze in a blink from that 5 frames before it, raw and sent.
     gaze: [f64; 2],
 }
 
@@ -281,6 +283,7 @@ fn gaze(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> f64 {
             let (before, _) = &frames(stream)[run.start - 5];
             for (face, _) in &frames(stream)[run] {
                 sum += gaze().map(|index| f64::from((face[index] - before[index]).abs())).sum::<f64>();
+                // There are eight coefficients of gaze.
                 count += 8.0;
             }
         }

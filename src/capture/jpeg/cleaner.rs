@@ -181,7 +181,7 @@ impl<'a> Image<'a> {
                 self.restart_interval = u16::from_be_bytes(segment.try_into().ok()?).into();
                 Some(())
             }
-            // Not of other kinds of frames, and markers without a segment.
+            // The other markers below it belong to other kinds of frames, or have no segment.
             _ => (marker > marker::START_OF_SCAN).then_some(()),
         }
     }

@@ -140,8 +140,8 @@ impl Mode {
 }
 
 impl Choice {
-    /// The criteria of [`choose`] from left to right, of which smaller values are better. A rate that the driver does not
-    /// list counts as the wanted one.
+    /// Returns a number for each criterion of [`choose`], in the same order; smaller numbers are better. A rate that the
+    /// driver does not list counts as the wanted one.
     fn cost(&self, wish: &Wish) -> [u64; 5] {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
         let millihertz = |hertz: f64| (hertz * 1000.0).round() as u64;
@@ -253,7 +253,7 @@ mod tests {
         ] {
             assert_eq!(chosen(camera, &wish), expected);
         }
-        // The last three are what no driver should state.
+        // No driver should state the last three.
         for (min, max, step, wish, expected) in
             [(16, 100, 16, 99, 96), (16, 100, 0, 50, 50), (16, 10, 3, 50, 16), (0, u32::MAX, u32::MAX, 1, u32::MAX)]
         {

@@ -24,14 +24,14 @@ const DISTRIBUTION: [f64; 15] =
     [0.1, 1.0, 5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0, 98.0, 99.0, 99.5, 99.8, 99.9, 100.0];
 /// Steps of the loop of constant work between two readings of the clock, while its speed is measured.
 const CALIBRATION_STEPS: u64 = 20_000;
-/// Times that another process took the processor from this one, interrupts of all cores, and the time that the hypervisor
-/// gave to other virtual machines, of all cores.
+/// How often another process took the processor from this one, how many interrupts all cores had, and how many milliseconds
+/// of all cores the hypervisor gave to other virtual machines.
 const INTERRUPTIONS: [&str; 3] = ["involuntary_switches", "interrupts", "stolen_ms"];
 const DRAWING_PX: (u32, u32) = (800, 480);
-/// Share of the frames that the drawing is wide enough for.
+/// Share of the frames whose times fit the width of the drawing.
 const SHOWN: f64 = 0.999;
 
-/// Something of each stage.
+/// One value for each stage.
 #[derive(Default, Serialize)]
 pub struct Stages<T> {
     /// From the file to a frame in memory. This includes frames without a face.
@@ -141,7 +141,7 @@ impl Figures {
         }
     }
 
-    /// The frames per second that this machine can process: 95 % of the frames, with decoding, take no longer.
+    /// The frames per second that this machine can process: 95 % of the frames, with decoding, keep up with this rate.
     pub fn frames_per_second(&self) -> f64 {
         1000.0 / self.stages.decode_and_whole.p95_ms.max(f64::MIN_POSITIVE)
     }

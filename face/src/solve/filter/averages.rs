@@ -82,9 +82,9 @@ const MAX_VALUES: usize = 32;
 ///
 /// A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`; one
 /// outside this gate passes, so that a blink is not delayed. Here N is a time in whole frames of 1/30 s, so that the
-/// response takes as long at every frame rate. As printed, the gate has a step at its edge and closes to nothing on a
-/// still face. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at its
-/// edge, and the gate is never narrower than a few times the jitter of a still face.
+/// response takes as long at every frame rate. As the paper has it, the gate has a step at its edge and closes to nothing
+/// on a still face. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at
+/// its edge, and the gate is never narrower than a few times the jitter of a still face.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Past<const N: usize>(HistoryBuf<([f32; N], f32), MAX_VALUES>);
 

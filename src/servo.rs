@@ -14,7 +14,7 @@ use crate::config::{AtLoss, ChannelSettings, SOURCE_COUNT};
 
 /// Longest time that one step accounts for, seconds. After a longer pause the motion goes on as if it had been paused.
 const LONGEST_STEP_S: f32 = 0.1;
-/// A position that is this close to its target is at its target: a twentieth of the smallest step of a servo board.
+/// A position this close to its target counts as there: 0.1 µs in a range of 1000 µs, where a Maestro's step is 0.25.
 const ARRIVED: f32 = 1e-4;
 
 /// What channels follow: the coefficients, then the angles of the head in degrees, in the order of

@@ -1,6 +1,6 @@
 //! `facewire calibrate`: guides the wearer through some poses, and keeps what they tell.
 //!
-//! The service holds the camera while it runs, so that it is asked first. Without a service the command opens the camera
+//! A running service holds the camera, so it is asked first. Without a service the command opens the camera
 //! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
 
 use std::io::{self, BufRead as _, BufReader, ErrorKind, IsTerminal as _, Write as _};
@@ -35,7 +35,7 @@ because it holds the camera; its settings count then, and not those of --config.
 opened. Ctrl-C ends it, and the former profile \
 stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
 
-/// Longest time between two lines of a service that works.
+/// A service that sends no line for this long does not work.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time for which poor light must last before the guide waits for better light.

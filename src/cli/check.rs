@@ -26,8 +26,8 @@ exit status is that of the first that failed. The camera is watched for 3 second
 into it. POOR says what makes tracking poor although everything works, and what to do; it is no failure. Nor is NOTE, which \
 names a sum of a servo channel or an adjustment that can leave its range and is then limited.";
 
-/// Time for which the camera is watched, microseconds. It holds two windows of what a camera delivers, of which the first
-/// may be poor because the camera still sets its exposure.
+/// Time for which the camera is watched, microseconds. It holds two windows in which deliveries are measured, of which
+/// the first may be poor because the camera still sets its exposure.
 const WATCH_US: u64 = 3_300_000;
 /// Time for which an impairment must last, microseconds.
 const HOLD_US: u64 = 1_000_000;
@@ -47,7 +47,7 @@ pub fn run(arguments: &SettingsArgs) -> Result<(), Failure> {
     let mut found = find_face(&settings.networks);
     let model = check_model(&settings, found.as_ref().ok().map(|(_, face)| face));
     let seen = watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
-    // The board is looked at while it is still at work.
+    // The sensors are read right after this work, so that they show the board under load.
     let board = check_board(&settings);
     let intact = |found: String| (found, ImpairmentSet::default());
     let parts: [(_, Outcome); 5] = [

@@ -1,4 +1,4 @@
-//! The rotation of the head and of the eyes, as receivers of other programs count them.
+//! The rotation of the head and of the eyes, in the conventions of other programs.
 //!
 //! facewire's axes are those of ARKit's face: x to the person's left, y up, z out of the face. The angles here belong to
 //! `Ry(yaw) Rx(-pitch) Rz(roll)`, the order in which Unity and Unreal compose theirs: the head tilts first, nods next

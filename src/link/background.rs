@@ -129,7 +129,7 @@ impl Drop for Background {
     }
 }
 
-/// Writes messages until it is told to stop, and logs what happens to the device, because no message waits for it.
+/// Writes messages until it is told to stop, and logs what happens to the device: on this thread, that delays no sender.
 fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     let (handover_end, mut retry) = (Instant::now() + HANDOVER, Retry::default());
     while !shared.stopping() {

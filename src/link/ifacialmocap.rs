@@ -3,8 +3,8 @@
 //! One datagram has the coefficients as whole percent, then the rotation of the head (degrees) with its position (metres,
 //! in the camera's axes: x right in the picture, y up, z towards the camera), and the rotations of the right and of the left
 //! eye. The axes are those of ARKit's face: positive are down, to the person's left, and to the right shoulder. The
-//! versions differ in the sign between a name and its value: `-` in version 1, `&` in version 2. The format writes
-//! version 2; the carrier makes version 1 of it for those who ask for that.
+//! versions differ in the character between a name and its value: `-` in version 1, `&` in version 2. The format writes
+//! version 2; the carrier turns it into version 1 for those who ask for that.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
 //! system reports that nobody listens or that the host is away, and one that has been away for some seconds is dropped.
@@ -25,12 +25,14 @@ use super::udp::socket_for;
 use super::{Background, Carrier, Format, LinkError, LinkErrorKind, Output, Traffic, UdpCarrier};
 use crate::config::IFacialMocapSettings;
 
+/// Longest text, bytes.
 const LONGEST: usize = 2048;
 /// What a receiver sends to ask for the stream, and what follows if it wants version 2.
 const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
 const SECOND: &[u8] = b"|sendDataVersion=v2";
 /// Most datagrams that are read between two messages of the stream: more than the system keeps.
 const MOST_AT_ONCE: usize = 1000;
+/// Most receivers at a time.
 const MOST: usize = 8;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 const RECENT: Duration = Duration::from_mins(1);
@@ -126,7 +128,7 @@ impl Subscribers {
     pub fn open(settings: &IFacialMocapSettings, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
         let IFacialMocapSettings { listen, reply_port, address, version } = settings;
         let has_subscriber = Arc::<AtomicBool>::default();
-        // A message to the address counts, whoever else gets it.
+        // With an address, only the messages to it are counted.
         let others = if address.is_some() { Arc::default() } else { Arc::clone(&traffic) };
         let server = listen.map(|listen| {
             let server = Server::new(listen, *reply_port, Arc::clone(&has_subscriber));

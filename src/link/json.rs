@@ -161,7 +161,9 @@ impl Session for Clients {
 
 struct Client {
     stream: UnixStream,
+    /// The part of a line that the client has not taken yet.
     rest: Vec<u8>,
+    /// When the client last took bytes.
     took: Instant,
 }
 

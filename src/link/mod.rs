@@ -73,6 +73,7 @@ pub struct Inquiry {
     pub answer_bytes: usize,
     /// Returns a sentence for each trouble in an answer. The log gets each once until the port is opened again.
     pub troubles: fn(&[u8]) -> Vec<&'static str>,
+    /// The sentence for the log if no answer comes.
     pub silence: &'static str,
 }
 
@@ -263,7 +264,7 @@ impl Link {
 
 fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     match kind {
-        // The thread of the chip takes packets.
+        // The thread of a PCA9685 takes packets, too.
         LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(Packets { are_framed: false }),
         LinkKind::Serial(_) => Box::new(Packets { are_framed: true }),
         LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),

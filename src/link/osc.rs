@@ -9,13 +9,13 @@ pub const LONGEST: usize = 1200;
 /// What a bundle begins with. The time tag 1 means "at once".
 const HEAD: &[u8] = b"#bundle\0\0\0\0\0\0\0\0\x01";
 
-/// The bytes of a message: its address, the types of its arguments, and these.
+/// The bytes of a message: its address, the types of its arguments, and the arguments.
 #[derive(Debug)]
 pub struct Message(Vec<u8>);
 
 impl Message {
-    /// A message with arguments of these types: a text for each `s`, whole numbers for `i`, and numbers for `f`, which
-    /// [`Message::set`] replaces. A truth value, `F`, must be the only argument.
+    /// A message with arguments of these types: an `s` for `text`, which can only come first, an `i` for each number in
+    /// `whole`, and an `f` for each number that [`Message::set`] replaces. A truth value, `F`, must be the only argument.
     pub fn new(address: &str, types: &str, text: &str, whole: &[i32]) -> Self {
         let mut message = Self(Vec::new());
         let text = types.starts_with('s').then_some(text);
@@ -25,7 +25,7 @@ impl Message {
         message
     }
 
-    /// Adds a text, its end, and what fills it up to a multiple of 4 bytes.
+    /// Adds a text, the zero that ends it, and zeros up to a multiple of 4 bytes.
     fn add_text(&mut self, text: &str) {
         self.0.extend_from_slice(text.as_bytes());
         self.0.resize((self.0.len() + 1).next_multiple_of(4), 0);
@@ -47,7 +47,7 @@ impl Message {
 
 #[derive(Debug)]
 pub struct Bundles {
-    /// If not, each message travels in a datagram of its own.
+    /// Whether messages share datagrams. If not, each message travels in a datagram of its own.
     is_bundled: bool,
     bytes: Vec<u8>,
 }

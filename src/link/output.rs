@@ -1,7 +1,7 @@
 //! What a link sends, and when.
 //!
-//! [`Output`] is the face as the failsafe shows it at one moment. [`Shown`] makes of it what one receiver gets to see: the
-//! link's own adjustments, and what its settings want while no face is followed. [`Pace`] says when that is sent: at least
+//! [`Output`] is the face as the failsafe shows it at one moment. [`Shown`] turns it into what one receiver sees, by the
+//! link's own adjustments and what its settings want while no face is followed. [`Pace`] says when that is sent: at least
 //! every 100 ms, because receivers go neutral by themselves after 500 ms without a packet. The only exception is a link
 //! whose `loss` is "silent", while the face is neutral because no face is followed.
 //! Time is an argument: a clock that stands still or steps back delays packets and does no other harm.
@@ -12,7 +12,9 @@ use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
 
 use crate::config::{LinkSettings, Loss, PaceKind};
 
+/// Longest time between two packets of a link that is not silent.
 const KEEP_ALIVE_US: u64 = 100_000;
+/// Smallest visible change of a coefficient.
 const COEFFICIENT_STEP: f32 = 0.005;
 /// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
 const ROTATION_STEP: f32 = 0.004_363;

@@ -203,6 +203,7 @@ impl Period {
     }
 }
 
+/// The state in which [`Registers::prepare`] found the chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Found {
     Ready,
@@ -385,7 +386,7 @@ mod tests {
         Period::of(&Pca9685Settings { pulses_hz, oscillator_hz, ..Pca9685Settings::default() })
     }
 
-    /// A chip that holds to its data sheet.
+    /// A chip that behaves as its data sheet says.
     struct Simulated([u8; 256]);
 
     impl Simulated {

@@ -3,7 +3,8 @@
 //! Contract: a port that is missing or disappears is opened again by its path. The newest message wins on the line as
 //! well: a message that would wait behind more than one other is dropped. A board that restarts gets not a byte until its
 //! boot loader has started the sketch: the boot loader of an Uno takes bytes for commands, and 0x64 erases its memory.
-//! Limits: input that is no answer is discarded. A receiver that stops reading loses messages, which only the log shows.
+//! Limits: input that is no answer is discarded. A receiver that stops reading loses messages: the log says so, and those
+//! that the port does not take are counted as dropped.
 //!
 //! `serialport` locks an open port against other processes with TIOCEXCL and `flock`. Its attempt to open a locked port
 //! takes TIOCEXCL off the port, though, and its error does not say who has it. Links therefore claim a port before they

@@ -26,7 +26,7 @@ const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub struct UdpCarrier {
     destination: Newest<Option<Destination>>,
-    /// The thread that looks a host name up, and what lives as long as it is to go on.
+    /// The thread that looks a host name up, and a token: the thread ends when the token is dropped.
     lookup: Option<(Thread, Arc<()>)>,
     traffic: Arc<Traffic>,
     refusal: Option<i32>,

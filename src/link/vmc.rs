@@ -16,7 +16,7 @@ use crate::config::VmcSettings;
 /// Messages of one frame.
 #[derive(Debug)]
 pub struct Vmc {
-    /// Loaded, calibrated, in the normal mode, and not tracked or tracked.
+    /// The status "loaded, calibrated, in the normal mode": first with "not tracked", then with "tracked".
     ok: [Message; 2],
     time: Message,
     bones: Vec<Message>,

@@ -1,7 +1,7 @@
 //! VRChat, by the avatar parameters of VRCFaceTracking v2 and VRChat's own addresses for eyes.
 //!
 //! Only what has changed is sent, because VRChat takes each message on its main thread; and everything once a second,
-//! because the wearer may change the avatar, or a datagram be lost.
+//! because the wearer may change the avatar, or a datagram may be lost.
 
 mod parameters;
 
@@ -92,7 +92,7 @@ fn add(entries: &mut Vec<Entry>, Parameter { name, group, formula }: &Parameter,
     }
 }
 
-/// Whether this bit is set if a number of bits stand for the size of a value. From [`FULL`] on, all bits are set.
+/// Whether bit number `bit` is set in the size of a value, coded in `bits` bits. From [`FULL`] on, all bits are set.
 fn has_bit(value: f32, bits: u32, bit: u32) -> bool {
     let size = value.abs();
     let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };

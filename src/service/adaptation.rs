@@ -22,11 +22,11 @@ use crate::impairment::{Impairment, ImpairmentSet};
 /// Longest time between two processed frames. A face that moves less often than twice a second is of no use, and the
 /// failsafe would take longer to notice a lost camera.
 const LONGEST_PERIOD: Duration = Duration::from_millis(500);
-/// What a frame takes if the heads take turns, in percent of a frame on which all heads run, with its decoding.
+/// Time of a frame, with its decoding, if the networks for lips and eyes take turns: percent of one on which all run.
 const TURNS_PERCENT: u32 = 90;
-/// Share of its time that a frame may take on a step that is chosen on the way down.
+/// Share of the time between two processed frames that a frame may take on a step that is chosen on the way down.
 const FITS: f64 = 0.95;
-/// Share that a frame must not exceed on a step before the pipeline goes up to it.
+/// Share of that time that a frame must not exceed on a step before the pipeline goes up to it.
 const FITS_WELL: f64 = 0.85;
 /// Frames must take too long for this time. Shorter disturbances have passed before a lower step would help.
 const OVERLOAD_US: u64 = 500_000;
@@ -39,13 +39,14 @@ const LOWEST_THROTTLED: Step = Step::Quarter;
 const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
+/// Longest wait before the next attempt at something better, such as a higher step.
 const LONGEST_WAIT_US: u64 = 3_600_000_000;
-/// An attempt at something better has failed if it is taken back within this multiple of the wait before it.
+/// An attempt has failed if it is taken back within this multiple of the wait before it. Then the wait grows.
 const PROVEN_AFTER: u64 = 6;
 const GROWTH: u64 = 4;
 /// The pipeline must have been on a lower step for this time before a small picture is chosen.
 const SMALL_AFTER_US: u64 = 30_000_000;
-/// A full-sized picture must have been possible for this time: at first, and after failed returns.
+/// A full-sized picture must have been possible for this time before it returns: at first, and at most after failures.
 const FULL_AFTER_US: [u64; 2] = [600_000_000, 86_400_000_000];
 /// A picture of half the width and height has this share of the pixels.
 const SMALL_SHARE: u32 = 4;
@@ -82,7 +83,7 @@ impl Step {
         names.get(self as usize).copied().unwrap_or_default()
     }
 
-    /// Of how many frames of the camera one is processed.
+    /// One in this many of the camera's frames is processed.
     pub fn every(self) -> u32 {
         [1, 1, 2, 3, 4, 6, 8, 12].get(self as usize).copied().unwrap_or(1)
     }
@@ -104,6 +105,7 @@ impl Step {
         (camera * self.every()).min(LONGEST_PERIOD.max(camera))
     }
 
+    /// Whether the step takes every frame, or at least two a second of a camera with this frame period.
     fn suits(self, camera: Duration) -> bool {
         self.every() == 1 || camera * self.every() <= LONGEST_PERIOD
     }
@@ -197,7 +199,7 @@ impl Adaptation {
         self.overloaded_since_us = load.map(|_| self.overloaded_since_us.unwrap_or(now_us));
         let is_overloaded = self.overloaded_since_us.is_some_and(|us| now_us.saturating_sub(us) >= OVERLOAD_US);
         let overload = load.filter(|_| is_overloaded).map(|load| (load, load.fitting(self.step)));
-        // Then its pose is too old for the failsafe.
+        // The pose of a frame that takes longer than this is too old for the failsafe.
         let is_late = |load: Load| load.share_on(self.step) > LIVE_FRAMES as f64;
         self.is_too_slow = overload.is_some_and(|(load, fitting)| fitting == self.step && is_late(load));
         let cooler = || Some((self.cooler(now_us, conditions)?, conditions.throttled_by()?));
@@ -224,7 +226,7 @@ impl Adaptation {
         if let Some((since_us, best)) = self.calm {
             return (now_us.saturating_sub(since_us) >= self.wait.us).then_some(best);
         }
-        // Against all appearances, and the more rarely the more often it has failed.
+        // No higher step seems to fit, which a governor may only make it seem. Failures make these attempts rarer.
         let base_us = self.cause.map_or(u64::MAX, Cause::calm_us);
         let wait_us = PROBE_US.saturating_mul(self.wait.us / base_us).min(LONGEST_WAIT_US);
         let is_time = self.changed_us.is_some_and(|at_us| now_us.saturating_sub(at_us) >= wait_us);
@@ -233,7 +235,7 @@ impl Adaptation {
 }
 
 impl Load {
-    /// The share of its time that a frame takes on a step.
+    /// The time that a frame takes on a step, divided by the time between two processed frames.
     fn share_on(&self, step: Step) -> f64 {
         step.busy(self.busy).as_secs_f64() / step.period(self.camera_period).as_secs_f64().max(f64::EPSILON)
     }
@@ -268,8 +270,8 @@ struct ProbeBackoff {
 }
 
 impl ProbeBackoff {
-    /// Takes the last attempt back, if there was one. The wait grows if it has failed, and is the least again if it
-    /// lasted.
+    /// Takes the last attempt back, if there was one. The wait grows if the attempt has failed, and is the least again if
+    /// it lasted.
     fn take_back(&mut self, now_us: u64, [least_us, longest_us]: [u64; 2]) {
         let growth = match self.attempted_us.take().map(|at_us| now_us.saturating_sub(at_us)) {
             Some(lasted_us) if lasted_us < PROVEN_AFTER * self.us => GROWTH,

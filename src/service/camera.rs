@@ -17,7 +17,7 @@ use crate::watch::{Look, Watch};
 const MAX_DAMAGED: u32 = 8;
 /// Time from one look at the picture to the next, microseconds.
 const LOOK_US: u64 = 250_000;
-/// Time for which an impairment must last, and be gone, before it is told, microseconds.
+/// Time for which an impairment must last, or be gone, before that is reported, microseconds.
 const HOLD_US: u64 = 3_000_000;
 
 /// A camera, or the built-in clip played as one.
@@ -101,6 +101,7 @@ pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
 pub(super) struct Watcher {
     counters: Arc<Counters>,
     pub(super) watch: Watch,
+    /// The frame period that the camera states, microseconds.
     pub(super) stated_us: Option<u64>,
     last_look_us: u64,
 }
@@ -110,7 +111,7 @@ impl Watcher {
         Self { counters, watch: Watch::new(HOLD_US), stated_us: None, last_look_us: 0 }
     }
 
-    /// A camera that is closed impairs nothing.
+    /// Clears the impairments, because a closed camera causes none.
     pub(super) fn forget(&mut self) {
         self.watch = Watch::new(HOLD_US);
         self.tell();

@@ -51,12 +51,12 @@ const HTTP_PATIENCE: Duration = Duration::from_millis(500);
 const STREAM_PATIENCE: Duration = Duration::from_secs(10);
 /// Delay before the next attempt after listening or accepting a client has failed.
 const RETRY_DELAY: Duration = Duration::from_secs(1);
-/// Time without a frame after which a client that records is sent something else, microseconds.
+/// Time without a frame after which a client that records is told of lost frames or a missing camera, microseconds.
 const QUIET_US: u64 = 1_000_000;
-/// Least time and number of missing frames after which the guide is told that no picture comes.
+/// The guide is told that no picture comes after this time, microseconds, or after this many frame periods if longer.
 const SILENT_US: u64 = 500_000;
 const SILENT_FRAMES: u64 = 3;
-/// Least time between two messages in which only measures have changed, microseconds.
+/// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
 /// How long a stopping service waits for a profile that is being written.
 const DISK_PATIENCE: Duration = Duration::from_secs(1);

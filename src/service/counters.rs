@@ -55,13 +55,13 @@ pub(super) struct Counters {
     pub(super) frame_period_us: AtomicU64,
     pub(super) impairments: Impairments,
     state: AtomicUsize,
-    /// The load, of which a reader may see parts of two; `busy_us` is 0 while it is not known.
+    /// The load. A reader may see parts of an old and of a new one. `busy_us` is 0 while the load is not known.
     busy_us: AtomicU64,
     decoding_us: AtomicU64,
     camera_period_us: AtomicU64,
     /// The step of the pipeline, as an index into [`Step::ALL`].
     step: AtomicUsize,
-    /// Why it is not the first one, as an index into [`Cause::NAMES`] plus 1; 0 on the first step.
+    /// Why the step is not the first one, as an index into [`Cause::NAMES`] plus 1; 0 on the first step.
     step_cause: AtomicUsize,
     step_changes: AtomicU64,
     /// Whether the camera is to be opened with half the width and height.

@@ -1,6 +1,6 @@
 //! The hot loop: frames in, poses out, newest wins.
 //!
-//! The loop is its own recovery: load what is missing, open the camera, run frames, and on any trouble begin again.
+//! The loop recovers by itself: it loads what is missing, opens the camera, runs frames, and on any trouble begins again.
 //! From a frame in memory to the hand-over to the sender it allocates nothing, takes no lock and writes no log. It
 //! sends events to the supervisor, and takes changed settings, only between frames.
 
@@ -82,6 +82,7 @@ pub(super) struct HotLoop {
     timing: FrameTiming,
     watcher: Watcher,
     has_small_picture: bool,
+    /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
     rehearsed: ImpairmentSet,
 }
 
@@ -260,7 +261,7 @@ impl HotLoop {
         };
         add(counter, 1);
         outlets.report(News::of(processed.pose(), frame.captured_us));
-        // The result is on its way: measuring delays nobody.
+        // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
         watcher.look(frame, processed.face.map(|face| face.landmarks));
         outlets.observer.publish(|| processed.observe(watcher.watch.present().is_dark()));
@@ -345,7 +346,7 @@ impl Outlets {
 struct EngineHealth {
     /// Failures since the last good inference.
     failures: u32,
-    /// Whether earlier failures made the networks load again, and the good inferences since.
+    /// Whether the networks were loaded again after failures, and fewer than [`GOOD_RUNS_BEFORE_TRUST`] inferences since.
     is_reloaded: bool,
     good_runs: u32,
 }

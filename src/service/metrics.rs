@@ -1,7 +1,7 @@
 //! The metrics: one page of `OpenMetrics` text, which Prometheus reads by HTTP, made from the table of the counters.
 //!
 //! There is no encryption and no password, so only this machine can connect ([`super::control`]). A page in a browser
-//! could still ask for the metrics under a name that its owner lets point to this machine, so requests to other hosts are
+//! could still ask under a host name that its owner points at this machine (DNS rebinding), so requests to other hosts are
 //! refused.
 
 use std::fmt::Write as _;
@@ -104,7 +104,7 @@ fn head(page: &mut String, metric: &str, kind: &str, help: &str) {
 
 fn histogram(page: &mut String, name: &str, label: &str, histogram: &Histogram) {
     let (all, comma) = if label.is_empty() { (String::new(), "") } else { (format!("{{{label}}}"), ",") };
-    // The shorter durations are counted first, so that a duration that comes meanwhile leaves the counts in order.
+    // Counted upwards, the total last, so that a duration recorded meanwhile makes no count smaller than the one before.
     let below: Vec<_> = limits_ns().map(|limit_ns| (limit_ns, histogram.count_below(limit_ns))).collect();
     let total = histogram.count_below(u64::MAX);
     let _ = writeln!(page, "facewire_{name}_seconds_sum{all} {}", histogram.sum_s());

@@ -130,7 +130,7 @@ pub fn run(
         counters: Arc::clone(&counters),
     };
     let control = Control::start(parts);
-    // The face goes on without it.
+    // The face is sent without it, too.
     if let Err(error) = &control {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
@@ -177,7 +177,7 @@ fn profile_of(settings: &Settings, in_use: &InUse) -> Profile {
 /// ONNX Runtime needs the most.
 const STACK_BYTES: usize = 1 << 20;
 
-/// Starts a thread, which first makes its real-time requests, and returns where it finds changes.
+/// Starts a thread, which first makes its real-time requests. Also returns the mailbox in which it finds changes.
 fn spawn<T: Send + 'static, Change: Send + 'static>(
     name: &str,
     scheduling: Scheduling,

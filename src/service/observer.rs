@@ -1,11 +1,11 @@
-//! What the hot loop shows to a calibration or a recording: every value, in a bounded ring, only while somebody wants it.
+//! What the hot loop shows to a calibration or a recording: a value for each frame, in a bounded ring, only on request.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Values that wait at most, of some 6 kB each. The reader comes every 10 ms. A recording is to be whole, and a calibration
-/// misses nothing by a frame that is lost.
+/// Most values that wait in a ring, of some 6 kB each. The reader comes every 10 ms. A recording should lose no frame; a
+/// calibration can do without one.
 pub(super) const RECORDED: usize = 32;
 pub(super) const OBSERVED: usize = 8;
 
@@ -31,7 +31,7 @@ pub(super) fn channel<T>(ring: usize) -> (Observer<T>, Observed<T>) {
 }
 
 impl<T> Observer<T> {
-    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits: without room it is lost.
+    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits: a value without room is lost.
     pub(super) fn publish(&mut self, observe: impl FnOnce() -> T) {
         if self.shared.is_wanted.load(Relaxed) && self.ring.try_send(observe()).is_err() {
             self.shared.lost.fetch_add(1, Relaxed);

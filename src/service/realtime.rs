@@ -19,8 +19,8 @@ use crate::config::RealtimeSettings;
 /// Free space to leave at the end of a heap. The C library serves allocations from 128 KiB on outside the heap.
 const HEAP_ROOM_BYTES: usize = 120 * 1024;
 
-/// A request to the system, and why and with what remedy the system refused it if it did. Displays as the request, with
-/// the reason if refused.
+/// A request to the system, and the reason and the remedy if the system refused it. Displays as the request, with the
+/// reason if it was refused.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Grant {
     pub(super) request: String,

@@ -71,7 +71,7 @@ impl Change {
     }
 }
 
-/// Loads a part, unless it `keeps` the present one. One of the same name that does not load any more leaves it in use.
+/// Loads a part, unless the reload `keeps` the present one, which also stays if a part of the same name does not load.
 fn replaced<T, E: Error>(
     keeps: bool,
     is_same: bool,
@@ -129,7 +129,7 @@ pub(super) struct Reloader {
     pub(super) set_log_level: Box<dyn Fn(LogLevel)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<SenderSettings>,
-    /// The control thread looks here when it has something to do.
+    /// The control thread takes the settings from here within a second.
     pub(super) control: mpsc::Sender<Settings>,
     pub(super) traffic: Arc<Traffic>,
     pub(super) loader: Loader,
@@ -146,6 +146,7 @@ impl Reloader {
         self.preparing = Some(self.loader.begin(prepare));
     }
 
+    /// Hands out the prepared change once it is ready. Returns whether it did.
     pub(super) fn step(&mut self) -> bool {
         let prepared = match self.preparing.as_ref().map(Receiver::try_recv) {
             None | Some(Err(TryRecvError::Empty)) => return false,

@@ -239,7 +239,7 @@ impl Log {
         }
     }
 
-    /// Logs the new step of the pipeline. Of a lower one also says why, and what the operator can do about it.
+    /// Logs the new step of the pipeline, and for a lower one the reason and what the operator can do about it.
     fn step(step: Step, lowered_by: Option<(Cause, Load)>) {
         let what = step.sentence();
         let reason = match lowered_by {
@@ -256,7 +256,7 @@ impl Log {
         tracing::warn!("step {step}: {what}, because {reason}");
     }
 
-    /// Logs that the camera is opened again with pictures of another size: with small ones because of this load.
+    /// Logs that the camera is opened again with another picture size: the small one because of this load, if given.
     fn picture_size(too_slow: Option<Load>) {
         match too_slow {
             Some(load) => tracing::warn!(

@@ -12,7 +12,7 @@ use super::counters::Counters;
 use crate::capture::{FrameRate, Source};
 use crate::pipeline::StageTimes;
 
-/// Buckets per power of two, and the bits of this number.
+/// Buckets per power of two, and the binary logarithm of that number.
 const PARTS: u64 = 1 << PART_BITS;
 const PART_BITS: u32 = 5;
 /// Number of buckets: they end at 64 * 2^30 ns = 68.7 s.
@@ -20,12 +20,12 @@ const BUCKETS: usize = 1024;
 const MAX_NS: u64 = end_ns(BUCKETS as u64 - 1) - 1;
 /// A longer time between two frames does not count as a frame period, microseconds.
 const MAX_PERIOD_US: u64 = 500_000;
-/// One part in this many of the mean frame period comes from the newest frame.
+/// The newest frame counts for one part in this many of the mean frame period.
 const PERIOD_SHARE: u64 = 8;
-/// Number of frames from which the load is known. With fewer than [`LEAST_FRAMES`] it is not.
+/// The load is computed from this many frames, and unknown with fewer than [`LEAST_FRAMES`].
 const FRAMES: usize = 16;
 const LEAST_FRAMES: usize = 4;
-/// Of [`FRAMES`] frames, this many may take longer than the load says: those on which another program wakes up.
+/// Of [`FRAMES`] frames, this many may take longer than the load says, for example because another program woke up.
 const SLOWER: usize = FRAMES / 5;
 
 /// A lock-free histogram of durations.
@@ -204,7 +204,7 @@ impl FrameTiming {
         self.counters.frame_period_us.store(next_us, Relaxed);
     }
 
-    /// Counts how long a frame waited, how long each of its stages took that ran, and how long the whole work took.
+    /// Counts how long a frame waited, how long each stage that ran took, and how long the whole work took.
     pub(super) fn worked(&mut self, captured_us: u64, begun_us: u64, ended_us: u64, stages: &StageTimes) {
         let (times, work) = (&self.counters.times, between(begun_us, ended_us));
         times.wait.record(between(captured_us, begun_us));

@@ -14,7 +14,7 @@ pub(super) use sd_notify::NotifyState;
 const CAMERA_PATIENCE_US: u64 = 30_000_000;
 /// A frame may take two stall timeouts: one to arrive, and one more for a newer frame if it waited in a buffer for long.
 const STALL_TIMEOUTS_PER_FRAME: u64 = 2;
-/// Added to that, microseconds: half a second for the frames that a step leaves out, and as much again.
+/// Time added to the stall timeouts, microseconds: half a second for frames that a step leaves out, and as much to spare.
 const GRACE_US: u64 = 1_000_000;
 /// Longest time to work on one frame, microseconds. Emulated and swapping machines have taken 2 s.
 const WORK_PATIENCE_US: u64 = 10_000_000;

@@ -36,6 +36,7 @@ pub struct FaceLook {
     pub light: Light,
     /// Mean brightness of the picture outside the box around the face.
     pub surroundings: f32,
+    /// Longer side of the face, in pixels and as a part of the longer side of the picture.
     pub size_px: f32,
     pub size: f32,
     /// Share of the face that is outside the picture or at its border, from 0 to 1.

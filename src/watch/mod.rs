@@ -15,20 +15,22 @@ use crate::impairment::{Impairment, ImpairmentSet};
 /// A pair of thresholds: where an impairment begins, and where it ends.
 type Thresholds = [f32; 2];
 
+/// Contrast divided by noise.
 const CLARITY: Thresholds = [1.7, 2.3];
 /// Contrast of a face, of 255 steps.
 const CONTRAST: Thresholds = [5.0, 6.5];
-/// Brightness of the surroundings divided by that of an unclear face, from which the light comes from behind.
+/// From this ratio of the surroundings' brightness to that of an unclear face on, the light comes from behind.
 const BACKLIGHT: f32 = 2.0;
 /// Brightness of a picture without a face.
 const BRIGHTNESS: Thresholds = [20.0, 30.0];
-/// Least contrast that a picture without a face is taken to have: a plain wall has none, and is not dark therefore.
+/// Least contrast that a picture without a face is taken to have: a plain wall has none, and is not dark for that reason.
 const PLAIN: f32 = 10.0;
 /// Brightness below which a picture without contrast is black.
 const BLACK: f32 = 25.0;
 /// Longer side of the face in pixels, and as a part of the longer side of the picture.
 const SIZE_PX: Thresholds = [38.0, 48.0];
 const SIZE: Thresholds = [0.12, 0.135];
+/// Share of the face outside the picture.
 const CUT_OFF: Thresholds = [0.08, 0.05];
 /// Frame rate divided by the rate that the camera states. Cameras that expose longer go from 30 to 15 frames a second or
 /// less, and 25 a second is what light of 50 Hz asks for.
@@ -140,7 +142,7 @@ impl Watch {
         self.judge(0, verdicts, now_us);
     }
 
-    /// Judges at the time `now_us` what the camera has delivered, which states a frame period in microseconds.
+    /// Judges what the camera has delivered up to `now_us`. The camera states a frame period of `stated_us` microseconds.
     pub fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
         let rate = stated_us.map(|stated_us| delivery.fps() * stated_us as f32 / 1e6);
         let rate = rate.map_or(Verdict::Unknown, |rate| Verdict::of_great(rate, RATE));

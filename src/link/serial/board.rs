@@ -1,5 +1,5 @@
-//! What the numbers of USB devices tell about serial ports: which is the board for `device = "auto"`, and which board
-//! restarts when its port is opened.
+//! What the vendor and product numbers of USB devices tell about serial ports: which is the board for `device = "auto"`,
+//! and which board restarts when its port is opened.
 //!
 //! A board is chosen only if it is the only one. A line to a modem, a printer or a radio must not carry packets by
 //! surprise, so an adapter that anything may be connected to is never chosen. A board that was chosen before is chosen
@@ -29,8 +29,8 @@ const PROBES: [(&str, &str); 2] = [("2e8a", "0004"), ("2e8a", "000c")];
 /// link for packets never chooses them. Their first port is the one for commands.
 /// Source: the udev rules and the source of Pololu's Maestro software for Linux.
 const MAESTROS: [(&str, &str); 4] = [("1ffb", "0089"), ("1ffb", "008a"), ("1ffb", "008b"), ("1ffb", "008c")];
-/// Arduinos whose serial chip is a microcontroller with the driver of modems: vendors, and the products of Uno, Uno Mini,
-/// Mega and Mega ADK.
+/// Arduinos whose serial chip is a microcontroller that uses the driver of modems (`ttyACM`): vendors, and the products of
+/// Uno, Uno Mini, Mega and Mega ADK.
 /// Source: `boards.txt` of <https://github.com/arduino/ArduinoCore-avr>
 const ARDUINO_VENDORS: [&str; 2] = ["2341", "2a03"];
 const ARDUINOS: [&str; 11] = ["0001", "0043", "0243", "006a", "0062", "0010", "0042", "0210", "0242", "003f", "0044"];
@@ -45,10 +45,10 @@ pub fn is_maestro(vendor: u16, product: u16) -> bool {
     MAESTROS.contains(&(format!("{vendor:04x}").as_str(), format!("{product:04x}").as_str()))
 }
 
-/// Whether opening this port restarts the board behind it, if DTR was low. `class` is what the kernel knows of ports.
+/// Whether opening this port restarts the board behind it, if DTR was low. `class` is the folder [`CLASS`].
 ///
 /// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
-/// Whether the DTR of such a chip is connected is not known, so that any board behind one counts. A board at another port
+/// Whether the DTR of such a chip is connected is not known, so any board behind one counts. A board at another port
 /// restarts only if the lists above contain it.
 pub fn restarts_board(device: &Path, class: &Path) -> bool {
     let node = device.canonicalize().unwrap_or_default();

@@ -64,7 +64,7 @@ face! {
 }
 
 impl Face {
-    /// How far the upper lip is drawn in. A raised lip cannot be.
+    /// How far the upper lip is drawn in. A raised lip cannot be drawn in.
     fn suck_upper(&self, side: &Side) -> f32 {
         self.roll_upper.min(1.0 - side.upper_up.max(0.0).powf(1.0 / 6.0))
     }

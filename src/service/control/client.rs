@@ -57,6 +57,7 @@ pub enum Reply {
     Refused(String),
 }
 
+/// Where a client looks for the service: where one started like this process listens, then the system's service.
 pub fn control_sockets() -> Vec<PathBuf> {
     let of_system = std::env::var("RUNTIME_DIRECTORY").is_err().then(|| Path::new(SYSTEM_FOLDER).join(SOCKET));
     socket_path().into_iter().chain(of_system).collect()

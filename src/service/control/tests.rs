@@ -125,7 +125,7 @@ fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
             break;
         }
         rig.show(time_us, wearer.pose(take, 0.8));
-        // A step that changes more than measures is told at once, and each take is one.
+        // Progress that changes more than the bars, as each new take does, is sent at once.
         while let Some(reply) = answers.next() {
             match reply {
                 Reply::Progress(Progress { take: wanted, phase, .. }) if phase != Phase::Ended => take = wanted,

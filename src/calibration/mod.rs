@@ -11,9 +11,9 @@ mod take;
 #[cfg(test)]
 pub(crate) use guide::tests as test_wearer;
 pub use guide::{Calibration, Guide, Phase, Progress};
-pub use observation::{Observation, Seen, Sight};
+pub use observation::{Observation, Sight};
 #[cfg(test)]
 pub(crate) use profile_file::tests::file as test_profile;
 pub use profile_file::{MAX_PROFILE_BYTES, ProfileFile, model_hash};
 pub use store::{KeptProfile, Listed, Store, StoreError, WearerName};
-pub use take::{Refusal, Take};
+pub use take::{Refusal, Seen, Take};

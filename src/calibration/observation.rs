@@ -1,10 +1,10 @@
 //! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
 //! the wearer holds still and the frames are averaged.
 
-use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, normalise};
+use facewire_face::stages::{Coefficients, FaceMean, Features, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral};
 
-use super::take::{LIDS, Refusal, Take, Takes, mean_of};
+use super::take::{LIDS, Refusal, Seen, Take, Takes, mean_of};
 
 /// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and in the other takes from where
 /// it was in the neutral one.
@@ -42,14 +42,6 @@ pub enum Sight {
     /// The frame shows no face, or none that can be read.
     NoFace,
     Face(Seen),
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
-    pub face: Normalised,
-    /// What the look of the face adds to the coefficients, while the neutral face is unknown and once it is known.
-    pub residuals: [Coefficients; 2],
-    pub head_deg: [f32; 3],
 }
 
 impl Observation {

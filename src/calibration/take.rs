@@ -3,11 +3,10 @@
 
 use std::collections::BTreeMap;
 
+use facewire_face::stages::{Coefficients, Normalised};
 use facewire_face::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-
-use super::observation::Seen;
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 
@@ -166,6 +165,14 @@ pub(super) struct Known {
     pub(super) head_deg: [f32; 3],
     /// Output of the regression for the neutral face, measured from that face itself.
     pub(super) raw: [f32; COEFFS],
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    pub face: Normalised,
+    /// What the look of the face adds to the coefficients, while the neutral face is unknown and once it is known.
+    pub residuals: [Coefficients; 2],
+    pub head_deg: [f32; 3],
 }
 
 /// The accepted takes. Poses are kept as they were seen, so that they stay valid when the neutral take is repeated.

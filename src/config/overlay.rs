@@ -5,8 +5,6 @@ use std::fmt;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::value::Reader;
-
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -61,6 +59,11 @@ impl Entry<'_> {
         tables.iter().map(|value| Self { path: self.path.clone(), value }).collect()
     }
 }
+
+/// Takes the value of an entry, or adds a fault to those of the file.
+pub trait Reader<T>: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>) {}
+
+impl<T, F: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>)> Reader<T> for F {}
 
 /// A key of a section, and what takes its value.
 pub type Field<'a> = (&'static str, Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>);

@@ -4,7 +4,7 @@ use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
 use toml::de::DeValue;
 
-use super::overlay::{Entry, Overlay, Section};
+use super::overlay::{Entry, Overlay, Reader, Section};
 
 pub trait Choice: Copy + PartialEq + 'static {
     const ALL: &'static [(&'static str, Self)];
@@ -33,11 +33,6 @@ macro_rules! choices {
 }
 
 pub(super) use choices;
-
-/// Takes the value of an entry, or adds a fault to those of the file.
-pub trait Reader<T>: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>) {}
-
-impl<T, F: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>)> Reader<T> for F {}
 
 pub fn table<T: Section>(section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     file.section(section, entry);

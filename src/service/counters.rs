@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering:
 use std::time::Duration;
 
 use facewire_packet::{NeutralFace, State};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::flag;
 
 use super::adaptation::{Cause, Step};
 use super::timing::{Load, Times, micros, quantiles};
@@ -14,6 +16,8 @@ use super::watchdog::Heartbeats;
 use crate::impairment::{Impairment, Impairments};
 use crate::link::Traffic;
 
+/// Exit status after a second SIGTERM or SIGINT.
+const EXIT_SECOND_SIGNAL: i32 = 130;
 /// [`Counters::state`] holds an index into this array.
 const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
 const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimated, NeutralFace::Calibrated];
@@ -120,6 +124,17 @@ fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(u
 }
 
 impl Counters {
+    /// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
+    pub(super) fn catch_signals(&self) -> io::Result<()> {
+        for signal in [SIGTERM, SIGINT] {
+            flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, Arc::clone(&self.stop))?;
+            flag::register(signal, Arc::clone(&self.stop))?;
+        }
+        flag::register(SIGHUP, Arc::clone(&self.wants_reload))?;
+        flag::register(SIGUSR1, Arc::clone(&self.wants_status))?;
+        Ok(())
+    }
+
     pub(super) fn stopping(&self) -> bool {
         self.stop.load(Relaxed)
     }

@@ -10,6 +10,7 @@ mod control;
 mod counters;
 pub mod failsafe;
 mod hot;
+mod loader;
 mod metrics;
 mod observer;
 mod realtime;
@@ -38,10 +39,11 @@ use self::control::{Control, Parts};
 use self::counters::Counters;
 use self::failsafe::News;
 use self::hot::{Event, HotLoop, Outlets};
+use self::loader::Loader;
 use self::realtime::Scheduling;
-use self::reload::{InUse, LoadSettings, Loader, Mailbox, Reloader};
+use self::reload::{InUse, LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender, SenderSettings};
-use self::supervisor::{Supervisor, catch_signals};
+use self::supervisor::Supervisor;
 use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
@@ -87,7 +89,7 @@ pub fn run(
     set_log_level: Box<dyn Fn(LogLevel)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
-    catch_signals(&counters)?;
+    counters.catch_signals()?;
     let links = Links::change(&settings.links, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
     let pipeline = match loader.begin(move || Pipeline::load(&wanted, true)).recv() {

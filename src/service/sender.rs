@@ -14,7 +14,6 @@ use triple_buffer::Output as Newest;
 
 use super::counters::Counters;
 use super::failsafe::{Failsafe, History, News};
-use super::supervisor::catch_signals;
 use super::timing::{FrameTiming, between};
 use super::{STACK_BYTES, ServiceError};
 use crate::capture::{FrameRate, monotonic_us};
@@ -192,7 +191,7 @@ pub fn replay<E: From<ServiceError>>(
     mut next: impl FnMut() -> Result<Option<Recorded>, E>,
 ) -> Result<[u64; 2], E> {
     let counters = Arc::new(Counters::default());
-    catch_signals(&counters).map_err(ServiceError::from)?;
+    counters.catch_signals().map_err(ServiceError::from)?;
     let links = Links::change(&settings.links, &[], &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&News::Nothing);
     let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);

@@ -1,13 +1,9 @@
 //! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
-use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
-
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
-use signal_hook::flag;
 
 use super::adaptation::{Adaptation, Cause, Conditions, Step};
 use super::counters::Counters;
@@ -22,22 +18,9 @@ use crate::impairment::{Impairment, ImpairmentSet};
 use crate::retry::LoggedReasons;
 
 const TICK: Duration = Duration::from_millis(50);
-/// Exit status after a second SIGTERM or SIGINT.
-const EXIT_SECOND_SIGNAL: i32 = 130;
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
 /// What impairs tracking, and that the board is too slow, is not logged again within this time.
 const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
-
-/// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
-pub(super) fn catch_signals(counters: &Counters) -> io::Result<()> {
-    for signal in [SIGTERM, SIGINT] {
-        flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, Arc::clone(&counters.stop))?;
-        flag::register(signal, Arc::clone(&counters.stop))?;
-    }
-    flag::register(SIGHUP, Arc::clone(&counters.wants_reload))?;
-    flag::register(SIGUSR1, Arc::clone(&counters.wants_status))?;
-    Ok(())
-}
 
 pub(super) struct Supervisor {
     counters: Arc<Counters>,

@@ -5,10 +5,16 @@
 
 use facewire_engine::kernels::rows::add_pair;
 
-use super::landmarks::bounds;
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
 
 pub(super) type Cell = [f32; FEATURE_CHANNELS];
+
+/// Least and greatest coordinates of points.
+pub fn bounds(points: impl Iterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
+    points.fold([[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]], |[min, max], [x, y]| {
+        [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]]
+    })
+}
 
 /// A map of 48 x 48 cells, row by row.
 #[derive(Debug, Clone, Copy)]

@@ -1,6 +1,6 @@
 //! The points of a face, the region of the picture where the next frame's are expected, and how the skin looks.
 
-use super::feature_map::FeatureMap;
+use super::feature_map::{FeatureMap, bounds};
 use super::refinement::{FEATURE_SCALE, LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
 use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 
@@ -117,13 +117,6 @@ impl FaceBox {
         let (sin, cos) = self.angle_rad.sin_cos();
         Mapping { region: *self, across: [cos, sin] }
     }
-}
-
-/// Least and greatest coordinates of points.
-pub fn bounds(points: impl Iterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
-    points.fold([[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]], |[min, max], [x, y]| {
-        [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]]
-    })
 }
 
 /// Maps positions in a region to the picture.

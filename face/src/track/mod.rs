@@ -17,7 +17,8 @@ pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use feature_map::Transform;
-pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, bounds};
+pub use feature_map::bounds;
+pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
 
 /// The networks, and the region of the face that they follow.

@@ -4,7 +4,8 @@ use facewire_face::model::{Cases, FormulaSetTable, FormulaTable, ModelFile};
 use facewire_face::stages::{Coefficients, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, testing::face};
 
-use super::super::observation::{Seen, Sight};
+use super::super::observation::Sight;
+use super::super::take::Seen;
 use super::*;
 
 /// Coefficients by name; all others are 0.

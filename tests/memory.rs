@@ -37,7 +37,7 @@ const JPEG_FUNCTIONS: [&str; 8] = [
 /// The number of calls that these functions make for an image of three components.
 const JPEG_CALLS: usize = 14;
 const MAX_KIB: usize = 30_000_000 / 1024;
-/// Of the 30 MB, 8 are for the pages of the program's files. This build, which is not optimised, has more than those of packages.
+/// Leaves 8 of the 30 MB to pages of files, such as the program. An unoptimised build has more of them than a package.
 const MAX_ANONYMOUS_KIB: usize = 22_000_000 / 1024;
 const RELOADS: usize = 200;
 /// Live packets of one count of page faults: as many as come in a second and a half.

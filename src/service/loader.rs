@@ -1,4 +1,4 @@
-//! The thread that loads what takes long.
+//! Loads networks, models and profiles on a thread of its own, because that may take seconds.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -227,6 +227,9 @@ fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
         for time_us in [5_000_000 + jump_us, 1] {
             observe(&mut guide, time_us);
             assert_eq!(guide.wanted(), Some(Take::Neutral), "a gap does not count as held");
+            // The last frame came 1.5 s after the first, so that a jump by 2 s leaves no gap.
+            let is_gap = time_us == 1 || jump_us > 2_000_000;
+            assert!(!is_gap || guide.progress().measured < 0.1, "a gap ends the hold");
         }
         let (outcome, _) = Wearer::follow(&mut guide, frames_from(2), |take, _| wearer.pose(take, 0.8));
         assert_eq!(outcome.unwrap().taken, Take::ALL);

@@ -7,8 +7,10 @@
 //! Limits: nobody knows where a servo stands that gets no pulses. With its first pulse it moves to its neutral position as
 //! fast as it can.
 
+use std::time::Instant;
+
 use facewire_face::yaw_pitch_roll_deg;
-use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
+use facewire_packet::{BLENDSHAPE_COUNT, Packet, Reason, State};
 
 use crate::config::{AtLoss, ChannelSettings, SOURCE_COUNT};
 
@@ -17,30 +19,47 @@ const LONGEST_STEP_S: f32 = 0.1;
 /// A position this close to its target counts as there: 0.1 µs in a range of 1000 µs, where a Maestro's step is 0.25.
 const ARRIVED: f32 = 1e-4;
 
-/// What channels follow: the coefficients, then the angles of the head in degrees, in the order of
-/// [`SOURCE_NAMES`](crate::config::SOURCE_NAMES), and how far they can be trusted.
-#[derive(Debug, Clone, Copy)]
-pub struct ChannelInput {
-    state: State,
-    reason: Reason,
-    values: [f32; SOURCE_COUNT],
+/// The values that channels follow: the coefficients, then the angles of the head in degrees, in the order of
+/// [`SOURCE_NAMES`](crate::config::SOURCE_NAMES).
+type Values = [f32; SOURCE_COUNT];
+
+/// The channels of a board in the order of their numbers, and when they last moved.
+#[derive(Debug)]
+pub struct Board {
+    channels: Vec<Channel>,
+    moved_at: Option<Instant>,
 }
 
-impl ChannelInput {
-    pub fn new(state: State, reason: Reason, rotation: [f32; 4], coefficients: &[f32; BLENDSHAPE_COUNT]) -> Self {
-        let mut values = [0.0; SOURCE_COUNT];
-        let angles_deg = yaw_pitch_roll_deg(rotation);
-        values.iter_mut().zip(coefficients.iter().chain(&angles_deg)).for_each(|(to, from)| *to = *from);
-        Self { state, reason, values }
+impl Board {
+    pub fn new(settings: &[ChannelSettings]) -> Self {
+        let mut channels: Vec<Channel> = settings.iter().map(Channel::new).collect();
+        channels.sort_by_key(|channel| channel.number);
+        Self { channels, moved_at: None }
+    }
+
+    pub fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    /// Returns the channels of a board whose next step takes no time.
+    pub fn paused(&mut self) -> &mut [Channel] {
+        self.moved_at = None;
+        &mut self.channels
+    }
+
+    /// Moves all channels on, and returns them.
+    pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
+        let step_s = self.moved_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
+        let values = values(packet.rotation, &packet.coefficients);
+        self.channels.iter_mut().for_each(|channel| channel.step(packet.state, packet.reason, &values, step_s));
+        &self.channels
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pulses {
-    /// Where the channel goes.
-    pub target_us: f32,
-    /// Where it is by now if it keeps its limits.
-    pub now_us: f32,
+fn values(rotation: [f32; 4], coefficients: &[f32; BLENDSHAPE_COUNT]) -> Values {
+    let (mut values, angles_deg) = ([0.0; SOURCE_COUNT], yaw_pitch_roll_deg(rotation));
+    values.iter_mut().zip(coefficients.iter().chain(&angles_deg)).for_each(|(to, from)| *to = *from);
+    values
 }
 
 #[derive(Debug, Clone)]
@@ -51,6 +70,8 @@ pub struct Channel {
     neutral: f32,
     target: f32,
     motion: Motion,
+    /// Whether the servo gets no pulses.
+    is_released: bool,
 }
 
 impl Channel {
@@ -62,7 +83,8 @@ impl Channel {
             acceleration_per_s2: limit(settings.acceleration_per_s2),
         };
         let number = u8::try_from(settings.channel).unwrap_or_default();
-        Self { number, limits, settings: settings.clone(), neutral, target: neutral, motion: Motion::at(neutral) }
+        let (settings, motion) = (settings.clone(), Motion::at(neutral));
+        Self { number, limits, settings, neutral, target: neutral, motion, is_released: false }
     }
 
     /// The pulses at both ends, microseconds. The end at 1 may have the shorter pulse.
@@ -89,23 +111,32 @@ impl Channel {
         }
     }
 
-    /// Follows the input for `step_s`. Returns `None` if the servo gets no pulses.
-    pub fn step(&mut self, input: &ChannelInput, step_s: f32) -> Option<Pulses> {
-        let is_lost = input.state == State::Neutral;
+    /// Follows the sources for `step_s`.
+    fn step(&mut self, state: State, reason: Reason, values: &Values, step_s: f32) {
+        let is_lost = state == State::Neutral;
         if is_lost {
             self.target = self.neutral;
-        } else if let Some(position) = self.position(&input.values) {
+        } else if let Some(position) = self.position(values) {
             self.target = self.settled(position);
         }
         let position = self.motion.step(self.limits, self.target, step_s);
         // A service that stops has no time to wait for a slow servo.
-        let has_arrived = position.to_bits() == self.target.to_bits() || input.reason == Reason::Stopping;
-        let is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
-        (!is_released).then(|| Pulses { target_us: self.pulse_us(self.target), now_us: self.pulse_us(position) })
+        let has_arrived = position.to_bits() == self.target.to_bits() || reason == Reason::Stopping;
+        self.is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
+    }
+
+    /// The pulse for where the channel goes. `None` ends the pulses.
+    pub fn target_us(&self) -> Option<f32> {
+        (!self.is_released).then(|| self.pulse_us(self.target))
+    }
+
+    /// The pulse for where the channel is by now if it keeps its limits. `None` ends the pulses.
+    pub fn now_us(&self) -> Option<f32> {
+        (!self.is_released).then(|| self.pulse_us(self.motion.position))
     }
 
     /// Returns the weighted sum of the sources, or `None` if they give no number.
-    fn position(&self, values: &[f32; SOURCE_COUNT]) -> Option<f32> {
+    fn position(&self, values: &Values) -> Option<f32> {
         let used = self.settings.sources.0.iter().zip(values).filter(|(gain, _)| **gain != 0.0);
         let sum = self.settings.offset + used.map(|(gain, value)| gain * value).sum::<f32>();
         (!sum.is_nan()).then(|| sum.clamp(0.0, 1.0))
@@ -191,7 +222,7 @@ mod tests {
 
     type Named<'a> = &'a [(&'a str, f32)];
 
-    fn valued(sources: Named) -> [f32; SOURCE_COUNT] {
+    fn valued(sources: Named) -> Values {
         let mut values = [0.0; SOURCE_COUNT];
         for (name, value) in sources {
             values[SOURCE_NAMES.iter().position(|source| source == name).unwrap()] = *value;
@@ -204,14 +235,9 @@ mod tests {
         Channel::new(&ChannelSettings { sources, offset, dead_zone, neutral: 0.5, loss, ..ChannelSettings::default() })
     }
 
-    fn input(state: State, sources: Named) -> ChannelInput {
-        let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
-        ChannelInput { state, reason, values: valued(sources) }
-    }
-
     /// Where the channel goes for these values of the sources.
     fn target(channel: &mut Channel, sources: Named) -> f32 {
-        channel.step(&input(State::Live, sources), STEP_S).unwrap();
+        channel.step(State::Live, Reason::None, &valued(sources), STEP_S);
         channel.target
     }
 
@@ -221,9 +247,9 @@ mod tests {
         let (sin, cos) = 10.0_f32.to_radians().sin_cos();
         let mut coefficients = [0.0; BLENDSHAPE_COUNT];
         (coefficients[17], coefficients[18], coefficients[51]) = (1.0, 0.6, f32::NAN);
-        let input = ChannelInput::new(State::Live, Reason::None, [0.0, sin, 0.0, cos], &coefficients);
+        let values = values([0.0, sin, 0.0, cos], &coefficients);
         let mut jaw = channel(&[("jawOpen", 0.8), ("mouthClose", -0.5), ("headYaw", 0.01)], 0.1, 0.0, AtLoss::Neutral);
-        jaw.step(&input, STEP_S).unwrap();
+        jaw.step(State::Live, Reason::None, &values, STEP_S);
         assert!((jaw.target - 0.8).abs() < 1e-6, "{}: a source without a gain counts for nothing", jaw.target);
         for (jaw_open, want) in [(f32::INFINITY, 1.0), (f32::NAN, 1.0), (-1e30, 0.0), (f32::NAN, 0.0)] {
             assert_eq!(target(&mut jaw, &[("jawOpen", jaw_open)]), want, "what is no number changes nothing");
@@ -256,6 +282,7 @@ mod tests {
 
     #[test]
     fn without_a_face_a_channel_goes_to_neutral_and_stays_there_or_is_released_when_it_has_arrived_or_must_stop() {
+        let values = valued(&[("jawOpen", 1.0)]);
         for (loss, speed_per_s, reason, steps) in [
             (AtLoss::Neutral, f32::INFINITY, Reason::NoFace, None),
             (AtLoss::Release, f32::INFINITY, Reason::NoFace, Some(0)),
@@ -265,12 +292,15 @@ mod tests {
         ] {
             let mut jaw = channel(&[("jawOpen", 1.0)], 0.0, 0.0, loss);
             for state in [State::Live, State::Hold, State::Decay] {
-                assert!(jaw.step(&input(state, &[("jawOpen", 1.0)]), STEP_S).is_some(), "{state:?}");
+                jaw.step(state, Reason::None, &values, STEP_S);
+                assert!(jaw.now_us().is_some(), "{state:?}");
             }
             assert_eq!(jaw.motion, Motion::at(1.0));
             jaw.limits.speed_per_s = speed_per_s;
-            let lost = ChannelInput { reason, ..input(State::Neutral, &[("jawOpen", 1.0)]) };
-            let found = (0..100_usize).find(|_| jaw.step(&lost, STEP_S).is_none());
+            let found = (0..100_usize).find(|_| {
+                jaw.step(State::Neutral, reason, &values, STEP_S);
+                jaw.now_us().is_none()
+            });
             assert!(found.zip(steps).map_or(found == steps, |(found, want)| found.abs_diff(want) < 2), "{steps:?}");
             assert!(jaw.target == 0.5 && (steps.is_some() || jaw.motion == Motion::at(0.5)));
         }

@@ -18,7 +18,7 @@ use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, Receiver, Service, counted};
 use common::{eventually, skip};
 use facewire::config::{AutoDevice, LinkKind, LinkSettings, SerialDevice, SerialSettings};
-use facewire::link::{Background, Carrier as _, Link, Traffic, serial_carrier};
+use facewire::link::{Background, Link, Traffic, serial_carrier};
 use facewire_packet::{Packet, Reason, State};
 use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, tcgetattr, tcsetattr};

@@ -56,7 +56,7 @@ impl Open {
     fn to(device: &Path, keys: &str) -> Self {
         let settings = config::parse("test", &link(device, keys)).unwrap();
         let link = Link::open(&settings.links[0], &Arc::<Traffic>::default()).unwrap();
-        eventually("the port", || link.carrier().is_open());
+        eventually("the port", || link.is_open());
         Self { settings, link }
     }
 
@@ -137,7 +137,7 @@ fn a_maestro_that_was_unplugged_in_mid_move_gets_its_limits_and_the_newest_targe
     drop(maestro);
     eventually("the loss", || {
         open.show(&[("jawOpen", 0.6)]);
-        !open.link.carrier().is_open()
+        !open.link.is_open()
     });
     let maestro = plug();
     open.show(&[("jawOpen", 1.0)]);

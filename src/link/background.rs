@@ -1,10 +1,10 @@
 //! A carrier that may wait: one thread, one device, and the newest message.
 //!
-//! [`Background::send`](Carrier::send) hands the message to the device's own thread through a triple buffer, where the
+//! [`Background::send`] hands the message to the device's own thread through a triple buffer, where the
 //! newest message wins, so it never waits. A device that is missing or disappears is opened again, after 100 ms at first
 //! and at most 1 s later. A device that the link of a former configuration still has is waited for in silence.
 
-use std::fmt::{Debug, Display};
+use std::fmt::Display;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
-use super::{Carrier, LinkError, LinkErrorKind, Traffic};
+use super::{LinkError, LinkErrorKind, Traffic};
 use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
@@ -30,20 +30,23 @@ const IDLE: Duration = Duration::from_millis(100);
 type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
 /// A device with a thread of its own, on which it may block, allocate and log.
-pub(super) trait Device: Debug + Send + 'static {
-    type Session<'a>: Session;
+pub(super) trait Device: Send + 'static {
+    /// The open device, which closes when this is dropped: after an error of one of the methods, and at the end.
+    type Open;
 
-    /// Opens the device, which closes when the session is dropped: after an error of one of its methods, and at the end.
-    fn open(&mut self) -> Result<Self::Session<'_>, LinkError>;
-}
+    fn open(&mut self) -> Result<Self::Open, LinkError>;
 
-pub(super) trait Session {
     /// Writes the message. Returns whether the device took it.
-    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError>;
+    fn write(&mut self, open: &mut Self::Open, message: &[u8]) -> Result<bool, LinkError>;
 
     /// Looks after the device. Called after each message, and at least every 100 ms.
-    fn attend(&mut self) -> Result<(), LinkError> {
+    fn attend(&mut self, _open: &mut Self::Open) -> Result<(), LinkError> {
         Ok(())
+    }
+
+    /// Whether the receiver is known. Until then nothing is sent or counted.
+    fn has_receiver(&self) -> bool {
+        true
     }
 }
 
@@ -51,7 +54,6 @@ pub(super) trait Session {
 struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
-    /// Whether the receiver is known. One that was found once is known even while it is away.
     has_receiver: AtomicBool,
     traffic: Arc<Traffic>,
 }
@@ -75,25 +77,23 @@ pub struct Background {
 }
 
 impl Background {
-    /// Starts the thread. The device may appear later. Until the receiver is found, nothing is sent or counted.
+    /// Starts the thread. The device may appear later.
     pub(super) fn start(
         link: impl Display,
         name: &str,
         device: impl Device,
-        is_found: bool,
         traffic: Arc<Traffic>,
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
-        let shared = Arc::new(Shared { traffic, has_receiver: is_found.into(), ..Shared::default() });
+        let shared = Arc::new(Shared { traffic, has_receiver: device.has_receiver().into(), ..Shared::default() });
         let theirs = Arc::clone(&shared);
         let thread = Builder::new().name(name.to_owned()).spawn(move || run(device, output, &theirs));
         let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
         Ok(Self { newest, shared, thread })
     }
-}
 
-impl Carrier for Background {
-    fn send(&mut self, message: &[u8]) {
+    /// Hands the message over or drops it, without waiting, and counts it.
+    pub fn send(&mut self, message: &[u8]) {
         let buffer = self.newest.input_buffer_mut();
         buffer.clear();
         if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
@@ -105,20 +105,22 @@ impl Carrier for Background {
         }
     }
 
-    fn is_open(&self) -> bool {
+    pub fn is_open(&self) -> bool {
         self.shared.open.load(Relaxed)
     }
 
-    fn has_receiver(&self) -> bool {
+    /// Whether the receiver is known. Until then nothing is sent or counted.
+    pub(super) fn has_receiver(&self) -> bool {
         self.shared.has_receiver.load(Relaxed)
     }
 
-    fn stop(&self) {
+    /// Asks the thread to write what it was given and end, without waiting for it.
+    pub(super) fn stop(&self) {
         self.shared.stop.store(true, Release);
         self.thread.thread().unpark();
     }
 
-    fn has_ended(&self) -> bool {
+    pub(super) fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
 }
@@ -135,19 +137,12 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     while !shared.stopping() {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
-        let is_claimed = ended.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Claimed);
-        let wait = if is_claimed && Instant::now() < handover_end {
-            RETRY_PERIOD
-        } else {
-            match ended {
-                // A receiver that is not there yet is no fault.
-                Err(error) if error.kind == LinkErrorKind::Waiting && retry.logged.is_new(&error.to_string()) => {
-                    tracing::info!("{error}");
-                }
-                Err(error) if error.kind != LinkErrorKind::Waiting => retry.warn(&error),
-                _ => {}
+        let wait = match ended {
+            Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => RETRY_PERIOD,
+            ended => {
+                ended.err().iter().for_each(|error| retry.tell(error, error.kind == LinkErrorKind::Waiting));
+                retry.back_off.wait()
             }
-            retry.back_off.wait()
         };
         let end = Instant::now() + wait;
         while !shared.stopping() && Instant::now() < end {
@@ -167,17 +162,15 @@ fn session(
     shared: &Shared,
     retry: &mut Retry,
 ) -> Result<(), LinkError> {
-    let opened = device.open();
-    if !opened.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting) {
-        shared.has_receiver.store(true, Relaxed);
-    }
-    let (mut session, mut is_refused) = (opened?, false);
+    let (opened, mut is_refused) = (device.open(), false);
+    shared.has_receiver.store(device.has_receiver(), Relaxed);
+    let mut open = opened?;
     shared.open.store(true, Relaxed);
     loop {
         // Read before the message, so that a message given before the end is still written.
         let stopping = shared.stopping();
         if newest.update() {
-            let took = session.write(newest.peek_output_buffer());
+            let took = device.write(&mut open, newest.peek_output_buffer());
             is_refused = matches!(took, Ok(false));
             if matches!(took, Ok(true)) {
                 *retry = Retry::default();
@@ -191,11 +184,12 @@ fn session(
             let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
             while is_refused && Instant::now() < end {
                 thread::sleep(RETRY_PERIOD);
-                is_refused = !session.write(newest.peek_output_buffer())?;
+                is_refused = !device.write(&mut open, newest.peek_output_buffer())?;
             }
             return Ok(());
         } else {
-            session.attend()?;
+            device.attend(&mut open)?;
+            shared.has_receiver.store(device.has_receiver(), Relaxed);
             thread::park_timeout(IDLE);
         }
     }
@@ -208,7 +202,6 @@ mod tests {
     use super::*;
 
     /// A device that reports each message to the test, and takes it once the test tells whether it does.
-    #[derive(Debug)]
     struct Scripted {
         given: mpsc::Sender<Vec<u8>>,
         takes: mpsc::Receiver<bool>,
@@ -217,17 +210,15 @@ mod tests {
     }
 
     impl Device for Scripted {
-        type Session<'a> = &'a mut Self;
+        type Open = ();
 
-        fn open(&mut self) -> Result<&mut Self, LinkError> {
+        fn open(&mut self) -> Result<(), LinkError> {
             let is_claimed = self.claimed > 0;
             self.claimed = self.claimed.saturating_sub(1);
-            if is_claimed { Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed")) } else { Ok(self) }
+            if is_claimed { Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed")) } else { Ok(()) }
         }
-    }
 
-    impl Session for &mut Scripted {
-        fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+        fn write(&mut self, (): &mut (), message: &[u8]) -> Result<bool, LinkError> {
             let _ = self.given.send(message.to_vec());
             Ok(self.takes.recv().unwrap_or(true))
         }
@@ -238,7 +229,7 @@ mod tests {
     fn start(claimed: u32) -> (Background, mpsc::Receiver<Vec<u8>>, mpsc::Sender<bool>, Arc<Traffic>) {
         let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
         let (traffic, device) = (Arc::<Traffic>::default(), Scripted { given, takes: answers, claimed });
-        let carrier = Background::start("test", "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+        let carrier = Background::start("test", "fw-test", device, Arc::clone(&traffic)).unwrap();
         while !carrier.is_open() {
             thread::yield_now();
         }

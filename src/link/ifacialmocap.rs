@@ -4,7 +4,7 @@
 //! in the camera's axes: x right in the picture, y up, z towards the camera), and the rotations of the right and of the left
 //! eye. The axes are those of ARKit's face: positive are down, to the person's left, and to the right shoulder. The
 //! versions differ in the character between a name and its value: `-` in version 1, `&` in version 2. The format writes
-//! version 2; the carrier turns it into version 1 for those who ask for that.
+//! the version for the fixed address; the server turns it into the one that a receiver has asked for.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
 //! system reports that nobody listens or that the host is away, and one that has been away for some seconds is dropped.
@@ -13,16 +13,14 @@ use std::fmt;
 use std::io::{self, ErrorKind, Write as _};
 use std::mem;
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use facewire_packet::BLENDSHAPES;
 
 use super::angles::{Angles, Gaze};
-use super::background::{Device, Session};
+use super::background::Device;
 use super::udp::socket_for;
-use super::{Background, Carrier, Format, LinkError, LinkErrorKind, Output, Traffic, UdpCarrier};
+use super::{Format, LinkError, LinkErrorKind, Output};
 use crate::config::IFacialMocapSettings;
 
 /// Longest text, bytes.
@@ -45,13 +43,15 @@ const LOG_PERIOD: Duration = Duration::from_mins(10);
 
 #[derive(Debug)]
 pub struct IFacialMocap {
+    /// The names of the blendshapes, each with the character that follows it.
     names: Vec<String>,
     text: Vec<u8>,
 }
 
 impl IFacialMocap {
-    pub fn new() -> Self {
-        let names = BLENDSHAPES.iter().map(|name| short(name)).collect();
+    pub fn new(settings: &IFacialMocapSettings) -> Self {
+        let separator = char::from(separator(settings.version));
+        let names = BLENDSHAPES.iter().map(|name| format!("{}{separator}", short(name))).collect();
         Self { names, text: Vec::with_capacity(LONGEST) }
     }
 
@@ -59,7 +59,7 @@ impl IFacialMocap {
         let text = &mut self.text;
         text.clear();
         for (name, value) in self.names.iter().zip(output.pose.coefficients) {
-            write!(text, "{name}&{:.0}|", 100.0 * value)?;
+            write!(text, "{name}{:.0}|", 100.0 * value)?;
         }
         let [right_mm, down_mm, away_mm] = output.pose.position_mm;
         let [x, y, z] = [right_mm, 0.0 - down_mm, 0.0 - away_mm].map(|mm| 0.001 * mm);
@@ -106,76 +106,25 @@ pub fn request(datagram: &[u8]) -> Option<u32> {
     }
 }
 
-/// Makes version 1 of a text, in memory that is used again for each text.
-fn first<'a>(second: &[u8], text: &'a mut Vec<u8>) -> &'a [u8] {
-    text.clear();
-    text.extend(second.iter().map(|byte| if *byte == b'&' { b'-' } else { *byte }));
-    text
+/// The character between a name and its value.
+fn separator(version: u32) -> u8 {
+    if version == 1 { b'-' } else { b'&' }
 }
 
-/// Datagrams to those who asked for them, and to one address that gets them unasked.
-#[derive(Debug)]
-pub struct Subscribers {
-    server: Option<Background>,
-    has_subscriber: Arc<AtomicBool>,
-    /// The carrier to the address, and the version that goes there.
-    fixed: Option<UdpCarrier>,
-    version: u32,
-    first: Vec<u8>,
-}
-
-impl Subscribers {
-    pub fn open(settings: &IFacialMocapSettings, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
-        let IFacialMocapSettings { listen, reply_port, address, version } = settings;
-        let has_subscriber = Arc::<AtomicBool>::default();
-        // With an address, only the messages to it are counted.
-        let others = if address.is_some() { Arc::default() } else { Arc::clone(&traffic) };
-        let server = listen.map(|listen| {
-            let server = Server::new(listen, *reply_port, Arc::clone(&has_subscriber));
-            Background::start(listen, "fw-subscribe", server, true, others)
-        });
-        let fixed = address.as_ref().map(|address| UdpCarrier::open(address, traffic)).transpose()?;
-        let first = Vec::with_capacity(LONGEST);
-        Ok(Self { server: server.transpose()?, has_subscriber, fixed, version: *version, first })
+/// Makes this version of a text, in memory that is used again for each text.
+fn in_version<'a>(version: u32, text: &[u8], changed: &'a mut Vec<u8>) -> &'a [u8] {
+    changed.clear();
+    changed.extend_from_slice(text);
+    let coefficients = changed.split_mut(|byte| *byte == b'|').take_while(|entry| !entry.starts_with(b"="));
+    for entry in coefficients {
+        // A later `-` is the sign of a value.
+        entry
+            .iter_mut()
+            .find(|byte| matches!(byte, b'-' | b'&'))
+            .into_iter()
+            .for_each(|byte| *byte = separator(version));
     }
-
-    fn carriers(&self) -> impl Iterator<Item = &dyn Carrier> {
-        let server = self.server.iter().map(|server| server as &dyn Carrier);
-        server.chain(self.fixed.iter().map(|fixed| fixed as &dyn Carrier))
-    }
-}
-
-impl Carrier for Subscribers {
-    fn send(&mut self, second: &[u8]) {
-        self.server.iter_mut().for_each(|server| server.send(second));
-        if let Some(carrier) = &mut self.fixed {
-            carrier.send(if self.version == 1 { first(second, &mut self.first) } else { second });
-        }
-    }
-
-    fn is_open(&self) -> bool {
-        self.carriers().any(Carrier::is_open)
-    }
-
-    fn refusal(&self) -> Option<i32> {
-        self.carriers().find_map(Carrier::refusal)
-    }
-
-    fn has_receiver(&self) -> bool {
-        self.fixed.is_some() || self.has_subscriber.load(Relaxed)
-    }
-
-    fn refresh(&self) {
-        self.carriers().for_each(Carrier::refresh);
-    }
-
-    fn stop(&self) {
-        self.carriers().for_each(Carrier::stop);
-    }
-
-    fn has_ended(&self) -> bool {
-        self.carriers().all(Carrier::has_ended)
-    }
+    changed
 }
 
 #[derive(Debug)]
@@ -189,76 +138,70 @@ struct Subscriber {
     checks_away: u32,
 }
 
-#[derive(Debug)]
-struct Server {
+/// Datagrams to those who asked for them.
+pub struct Server {
     listen: SocketAddr,
     /// The port to which the stream goes; 0 for the one that the request came from.
     reply_port: u16,
     subscribers: Vec<Subscriber>,
-    has_subscriber: Arc<AtomicBool>,
     checked: Instant,
-    first: Vec<u8>,
+    changed: Vec<u8>,
     /// When the present period of the log began, and how many lines it got since then. Anybody can send requests, also in
     /// the name of others, so their number is limited.
-    log: Option<(Instant, u32)>,
-}
-
-struct Listening<'a> {
-    server: &'a mut Server,
-    socket: UdpSocket,
+    log_period: (Instant, u32),
 }
 
 impl Device for Server {
-    type Session<'a> = Listening<'a>;
+    type Open = UdpSocket;
 
-    fn open(&mut self) -> Result<Listening<'_>, LinkError> {
+    fn open(&mut self) -> Result<UdpSocket, LinkError> {
         let socket = UdpSocket::bind(self.listen).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
-        let socket = socket.map_err(|error| {
+        socket.map_err(|error| {
             let is_claimed = error.kind() == ErrorKind::AddrInUse;
             let error = LinkError::no_listener(self.listen, error);
             if is_claimed { LinkError { kind: LinkErrorKind::Claimed, ..error } } else { error }
-        })?;
-        Ok(Listening { server: self, socket })
+        })
     }
-}
 
-impl Session for Listening<'_> {
-    fn write(&mut self, second: &[u8]) -> Result<bool, LinkError> {
-        let Server { first, subscribers, .. } = self.server;
-        let (first, mut is_sent) = (self::first(second, first), false);
-        for subscriber in subscribers {
-            let sent = subscriber.socket.send(if subscriber.version == 1 { first } else { second });
-            subscriber.is_refused |= sent.as_ref().is_err_and(|error| error.kind() != ErrorKind::WouldBlock);
+    fn write(&mut self, _: &mut UdpSocket, text: &[u8]) -> Result<bool, LinkError> {
+        let mut is_sent = false;
+        for Subscriber { socket, version, is_refused, .. } in &mut self.subscribers {
+            let sent = socket.send(in_version(*version, text, &mut self.changed));
+            *is_refused |= sent.as_ref().is_err_and(|error| error.kind() != ErrorKind::WouldBlock);
             is_sent |= sent.is_ok();
         }
         Ok(is_sent)
     }
 
-    fn attend(&mut self) -> Result<(), LinkError> {
+    fn attend(&mut self, socket: &mut UdpSocket) -> Result<(), LinkError> {
         let (now, mut bytes) = (Instant::now(), [0; LONGEST]);
         for _ in 0..MOST_AT_ONCE {
-            match self.socket.recv_from(&mut bytes) {
+            match socket.recv_from(&mut bytes) {
                 Ok((length, from)) => {
                     if let Some(version) = bytes.get(..length).and_then(request) {
-                        self.server.admit(from, version, now);
+                        self.admit(from, version, now);
                     }
                 }
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => break,
-                Err(error) => return Err(LinkError::no_listener(self.server.listen, error)),
+                Err(error) => return Err(LinkError::no_listener(self.listen, error)),
             }
         }
-        if now.saturating_duration_since(self.server.checked) >= CHECK_PERIOD {
-            self.server.check(now);
+        if now.saturating_duration_since(self.checked) >= CHECK_PERIOD {
+            self.check(now);
         }
         Ok(())
+    }
+
+    fn has_receiver(&self) -> bool {
+        !self.subscribers.is_empty()
     }
 }
 
 impl Server {
-    fn new(listen: SocketAddr, reply_port: u32, has_subscriber: Arc<AtomicBool>) -> Self {
-        let reply_port = u16::try_from(reply_port).unwrap_or_default();
-        let (subscribers, checked, first) = (Vec::with_capacity(MOST), Instant::now(), Vec::new());
-        Self { listen, reply_port, subscribers, has_subscriber, checked, first, log: None }
+    pub fn new(listen: SocketAddr, reply_port: u32) -> Self {
+        let (reply_port, now) = (u16::try_from(reply_port).unwrap_or_default(), Instant::now());
+        let (subscribers, changed) = (Vec::with_capacity(MOST), Vec::with_capacity(LONGEST));
+        Self { listen, reply_port, subscribers, checked: now, changed, log_period: (now, 0) }
     }
 
     /// Gives a receiver that asks at `now` a place, if one is free or the oldest request is not recent.
@@ -283,7 +226,6 @@ impl Server {
         self.log(now, format_args!("{address} asks for the face and gets it"));
         replaced.map(|index| self.subscribers.remove(index));
         self.subscribers.push(Subscriber { address, socket, version, asked: now, is_refused: false, checks_away: 0 });
-        self.has_subscriber.store(true, Relaxed);
     }
 
     fn check(&mut self, now: Instant) {
@@ -295,17 +237,18 @@ impl Server {
         for Subscriber { address, .. } in self.subscribers.extract_if(.., is_away).collect::<Vec<_>>() {
             self.log(now, format_args!("{address} is away, and no longer gets the face"));
         }
-        self.has_subscriber.store(!self.subscribers.is_empty(), Relaxed);
     }
 
     /// Writes a line about a receiver, unless the log got its share of this period.
     fn log(&mut self, now: Instant, line: fmt::Arguments<'_>) {
-        let period = self.log.filter(|(begun, _)| now.saturating_duration_since(*begun) < LOG_PERIOD);
-        let (begun, lines) = period.map_or((now, 1), |(begun, lines)| (begun, lines.saturating_add(1)));
-        self.log = Some((begun, lines));
-        if lines < MOST_LINES {
+        let (begun, lines) = &mut self.log_period;
+        if now.saturating_duration_since(*begun) >= LOG_PERIOD {
+            (*begun, *lines) = (now, 0);
+        }
+        *lines = lines.saturating_add(1);
+        if *lines < MOST_LINES {
             tracing::info!("iFacialMocap: {line}");
-        } else if lines == MOST_LINES {
+        } else if *lines == MOST_LINES {
             let minutes = LOG_PERIOD.as_secs() / 60;
             tracing::warn!(
                 "iFacialMocap: {line}; so many come and go that the log is silent about them for {minutes} minutes"
@@ -316,11 +259,15 @@ impl Server {
 
 #[cfg(test)]
 mod tests {
-    use std::{fs, fs::File, net::Ipv4Addr};
+    use std::fs::{self, File};
+    use std::net::Ipv4Addr;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
     use super::*;
-    use crate::config::Address;
-    use crate::link::testing::{LEFT, encoded, eventually, face};
+    use crate::config::LinkSettings;
+    use crate::link::testing::{LEFT, encoded, eventually, face, kind};
+    use crate::link::{Link, Traffic};
 
     const FACE: &[u8] = b"jawOpen&50|=head#-1,0,0,0,0,0|";
     const FACE_1: &[u8] = b"jawOpen-50|=head#-1,0,0,0,0,0|";
@@ -331,7 +278,8 @@ mod tests {
         let look = [("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0), ("mouthSmileRight", 0.126), ("jawLeft", 1.0)];
         let mut output = face(&look);
         (output.pose.rotation, output.pose.position_mm) = (LEFT, [100.0, 50.0, 600.0]);
-        let text = |output: &Output| String::from_utf8(encoded(&mut IFacialMocap::new(), output).concat()).unwrap();
+        let mut format = IFacialMocap::new(&IFacialMocapSettings::default());
+        let mut text = |output: &Output| String::from_utf8(encoded(&mut format, output).concat()).unwrap();
         let frame = text(&output);
         let end =
             "|=head#0.000,30.000,0.000,0.1000,-0.0500,-0.6000|rightEye#0.000,35.000,0.000|leftEye#35.000,0.000,0.000|";
@@ -360,17 +308,24 @@ mod tests {
         (Ipv4Addr::LOCALHOST, port).into()
     }
 
-    fn server() -> Server {
-        Server::new(port(0), 0, Arc::default())
-    }
-
     fn receiver() -> UdpSocket {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.set_nonblocking(true).unwrap();
         socket
     }
 
-    impl Listening<'_> {
+    /// A server that runs only when the test calls it.
+    struct Served {
+        server: Server,
+        socket: UdpSocket,
+    }
+
+    impl Served {
+        fn new() -> Self {
+            let mut server = Server::new(port(0), 0);
+            Self { socket: server.open().unwrap(), server }
+        }
+
         fn gets(&self, ending: &str, from: &UdpSocket) {
             from.send_to(&ask(ending), self.socket.local_addr().unwrap()).unwrap();
         }
@@ -379,8 +334,8 @@ mod tests {
         fn face_at(&mut self, socket: &UdpSocket) -> Vec<u8> {
             let mut bytes = [0; 100];
             while socket.recv(&mut bytes).is_ok() {}
-            self.attend().unwrap();
-            self.write(FACE).unwrap();
+            self.server.attend(&mut self.socket).unwrap();
+            self.server.write(&mut self.socket, FACE).unwrap();
             let length = socket.recv(&mut bytes).unwrap_or_default();
             bytes[..length].to_vec()
         }
@@ -388,51 +343,49 @@ mod tests {
 
     #[test]
     fn a_receiver_that_vanishes_is_dropped_and_the_others_keep_the_face() {
-        let (mut server, stays, leaves) = (server(), receiver(), receiver());
-        let mut session = server.open().unwrap();
-        session.gets(V2, &stays);
-        assert_eq!([session.face_at(&stays), session.face_at(&leaves)], [FACE, b""]);
-        session.gets("", &leaves);
-        assert_eq!([session.face_at(&leaves), session.face_at(&stays)], [FACE_1, FACE]);
-        session.gets("", &stays);
+        let (mut served, stays, leaves) = (Served::new(), receiver(), receiver());
+        served.gets(V2, &stays);
+        assert_eq!([served.face_at(&stays), served.face_at(&leaves)], [FACE, b""]);
+        served.gets("", &leaves);
+        assert_eq!([served.face_at(&leaves), served.face_at(&stays)], [FACE_1, FACE]);
+        served.gets("", &stays);
         drop(leaves);
         for check in 1..=MOST_CHECKS_AWAY {
             // The system reports with the second datagram that nobody took the first. The last request of `stays` counts.
-            assert_eq!([(); 2].map(|()| session.face_at(&stays)), [FACE_1; 2]);
-            session.server.check(Instant::now());
-            assert_eq!(session.server.subscribers.len(), if check < MOST_CHECKS_AWAY { 2 } else { 1 });
+            assert_eq!([(); 2].map(|()| served.face_at(&stays)), [FACE_1; 2]);
+            served.server.check(Instant::now());
+            assert_eq!(served.server.subscribers.len(), if check < MOST_CHECKS_AWAY { 2 } else { 1 });
         }
-        assert_eq!(session.face_at(&stays), FACE_1);
+        assert_eq!((served.face_at(&stays), served.server.has_receiver()), (FACE_1.to_vec(), true));
         drop(stays);
         for _ in 0..MOST_CHECKS_AWAY {
-            let _ = [(); 2].map(|()| session.write(FACE));
-            session.server.check(Instant::now());
+            let _ = [(); 2].map(|()| served.face_at(&receiver()));
+            served.server.check(Instant::now());
         }
-        assert!(!server.has_subscriber.load(Relaxed), "nobody is left");
+        assert!(!served.server.has_receiver(), "nobody is left");
     }
 
     #[test]
     fn ten_thousand_hostile_datagrams_change_nothing() {
-        let (mut server, friend, enemy, fickle) = (server(), receiver(), receiver(), receiver());
-        let (mut session, mut random) = (server.open().unwrap(), fastrand::Rng::with_seed(7));
-        let address = session.socket.local_addr().unwrap();
-        session.gets("", &friend);
+        let (mut served, friend, enemy, fickle) = (Served::new(), receiver(), receiver(), receiver());
+        let (mut random, address) = (fastrand::Rng::with_seed(7), served.socket.local_addr().unwrap());
+        served.gets("", &friend);
         for round in 0..10_000 {
             let mut bytes = ask(V2);
             let at = random.usize(..REQUEST.len());
             bytes[at] ^= 1 << random.u8(..8);
             bytes.truncate(if round % 2 == 0 { bytes.len() } else { random.usize(..REQUEST.len()) });
             enemy.send_to(&bytes, address).unwrap();
-            session.gets(["", V2][round % 2], &fickle);
+            served.gets(["", V2][round % 2], &fickle);
             if round % 50 == 49 {
-                session.attend().unwrap();
+                served.server.attend(&mut served.socket).unwrap();
             }
         }
-        assert_eq!(session.server.subscribers.len(), 2);
+        assert_eq!(served.server.subscribers.len(), 2);
         let forged = (1..=100).map(|host| UdpSocket::bind((Ipv4Addr::new(127, 0, 1, host), 0)).unwrap());
-        forged.for_each(|socket| session.gets("", &socket));
-        assert_eq!(session.face_at(&friend), FACE_1);
-        assert_eq!(session.server.subscribers.len(), MOST);
+        forged.for_each(|socket| served.gets("", &socket));
+        assert_eq!(served.face_at(&friend), FACE_1);
+        assert_eq!(served.server.subscribers.len(), MOST);
     }
 
     /// Returns how many lines the log gets.
@@ -445,7 +398,7 @@ mod tests {
 
     #[test]
     fn neither_a_fickle_receiver_nor_forged_addresses_fill_the_log() {
-        let (mut server, begun) = (server(), Instant::now());
+        let (mut server, begun) = (Server::new(port(0), 0), Instant::now());
         assert_eq!(log_lines(|| (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
         // Each round comes when the places of the round before may be taken. All fall into one period.
         let round = |number: u16| begun + u32::from(number / 100) * (RECENT + Duration::from_secs(1));
@@ -457,7 +410,7 @@ mod tests {
 
     #[test]
     fn places_are_limited_and_a_newcomer_takes_only_that_of_one_who_asked_long_ago() {
-        let (mut server, begun) = (server(), Instant::now());
+        let (mut server, begun) = (Server::new(port(0), 0), Instant::now());
         (1..=20).for_each(|number| server.admit(port(number), 1, begun));
         let later = begun + RECENT + Duration::from_secs(1);
         server.admit(port(1), 1, begun + RECENT);
@@ -472,28 +425,33 @@ mod tests {
     #[test]
     fn a_link_sends_to_those_who_ask_and_to_its_address_and_hands_its_port_over_to_the_next_one() {
         let (fixed, asks, traffic) = (receiver(), receiver(), Arc::<Traffic>::default());
-        let listen = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let open = |address: Option<&UdpSocket>| {
-            let address = address.and_then(|it| Address::new(&it.local_addr().unwrap().to_string()));
-            let settings = IFacialMocapSettings { listen: Some(listen), reply_port: 0, address, version: 1 };
-            let link = Subscribers::open(&settings, Arc::clone(&traffic)).unwrap();
-            eventually("the port is open", || link.server.as_ref().unwrap().is_open());
-            link
+        let [listen, address] = [receiver(), fixed.try_clone().unwrap()].map(|socket| socket.local_addr().unwrap());
+        let open = |address: &str| {
+            let keys = format!("listen = \"{listen}\"\nreply_port = 0\nversion = 1\naddress = \"{address}\"\n");
+            let settings = LinkSettings { kind: kind("ifacialmocap", &keys), ..LinkSettings::default() };
+            let link = Link::open(&settings, &traffic).unwrap();
+            eventually("the port is open", || link.device.as_ref().unwrap().is_open());
+            (link, settings)
         };
-        let mut old = open(Some(&fixed));
-        let claimed = Server::new(listen, 0, Arc::default()).open().map(drop).unwrap_err();
+        let (mut old, settings) = open(&address.to_string());
+        let claimed = Server::new(listen, 0).open().unwrap_err();
         assert_eq!(claimed.kind, LinkErrorKind::Claimed);
-        old.send(FACE);
-        let mut bytes = [0; 100];
-        assert_eq!(fixed.recv(&mut bytes).map(|length| bytes[..length].to_vec()).unwrap(), FACE_1);
+        let (face, mut bytes) = (face(&[("jawOpen", 0.5)]), [0; LONGEST]);
+        old.send_last(&settings, &face);
+        let length = fixed.recv(&mut bytes).unwrap();
+        assert!(String::from_utf8_lossy(&bytes[..length]).contains("|jawOpen-50|"));
         assert_eq!([&traffic.sent, &traffic.dropped].map(|count| count.load(Relaxed)), [1, 0]);
         drop(old);
-        let mut new = open(None);
-        assert!(!new.has_receiver());
-        asks.send_to(&ask(""), listen).unwrap();
-        eventually("somebody has asked", || new.has_receiver());
-        new.send(FACE);
-        eventually("the face", || asks.recv(&mut bytes).is_ok());
-        eventually("the count", || traffic.sent.load(Relaxed) == 2);
+        let (mut new, settings) = open("");
+        new.send_last(&settings, &face);
+        assert_eq!(traffic.packets.load(Relaxed), 1, "without a receiver nothing is sent");
+        asks.send_to(&ask(V2), listen).unwrap();
+        eventually("the face", || {
+            new.send_last(&settings, &face);
+            asks.recv(&mut bytes).is_ok_and(|length| String::from_utf8_lossy(&bytes[..length]).contains("|jawOpen&50|"))
+        });
+        let count = |counter: &AtomicU64| counter.load(Relaxed);
+        eventually("the counts", || count(&traffic.sent) + count(&traffic.dropped) == count(&traffic.packets));
+        assert!(count(&traffic.sent) > 1);
     }
 }

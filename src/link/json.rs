@@ -8,7 +8,7 @@
 use std::io::{self, ErrorKind, Write as _};
 use std::mem;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use facewire_face::HeadPose;
@@ -17,7 +17,7 @@ use serde::ser::SerializeMap as _;
 use serde::{Serialize, Serializer};
 
 use super::angles::{Angles, Gaze};
-use super::background::{Device, Session};
+use super::background::Device;
 use super::{Format, LinkError, LinkErrorKind, Output};
 use crate::config::Listen;
 use crate::listener::Listener;
@@ -98,19 +98,16 @@ fn rounded(number: f32, parts: f64) -> f64 {
     (f64::from(number) * parts).round() / parts + 0.0
 }
 
-#[derive(Debug)]
 pub struct Stdout;
 
 impl Device for Stdout {
-    type Session<'a> = Self;
+    type Open = ();
 
-    fn open(&mut self) -> Result<Self, LinkError> {
-        Ok(Self)
+    fn open(&mut self) -> Result<(), LinkError> {
+        Ok(())
     }
-}
 
-impl Session for Stdout {
-    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+    fn write(&mut self, (): &mut (), message: &[u8]) -> Result<bool, LinkError> {
         let mut out = io::stdout().lock();
         let written = out.write_all(message).and_then(|()| out.flush());
         written.map(|()| true).map_err(|error| {
@@ -120,37 +117,37 @@ impl Session for Stdout {
     }
 }
 
-/// The path of a socket.
-#[derive(Debug)]
-pub struct Server(pub PathBuf);
-
-impl Device for Server {
-    type Session<'a> = Clients;
-
-    fn open(&mut self) -> Result<Clients, LinkError> {
-        let listener = Listener::bind(&Listen::Unix(self.0.clone()));
-        let listener = listener.map_err(|error| LinkError::no_listener(self.0.display(), error))?;
-        Ok(Clients { listener, clients: Vec::with_capacity(MOST_CLIENTS) })
-    }
-}
-
-pub struct Clients {
-    listener: Listener,
+/// A Unix socket and its clients.
+pub struct Server {
+    path: PathBuf,
     clients: Vec<Client>,
 }
 
-impl Session for Clients {
-    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
-        self.attend()?;
+impl Server {
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_owned(), clients: Vec::with_capacity(MOST_CLIENTS) }
+    }
+}
+
+impl Device for Server {
+    type Open = Listener;
+
+    fn open(&mut self) -> Result<Listener, LinkError> {
+        let listener = Listener::bind(&Listen::Unix(self.path.clone()));
+        listener.map_err(|error| LinkError::no_listener(self.path.display(), error))
+    }
+
+    fn write(&mut self, listener: &mut Listener, message: &[u8]) -> Result<bool, LinkError> {
+        self.attend(listener)?;
         self.clients.retain_mut(|client| client.write(message).is_ok());
         Ok(true)
     }
 
     /// Accepts clients that wait, and disconnects those for whom there is no room. If the system cannot accept a client
     /// now, for example because this process has too many open files, a later call tries again.
-    fn attend(&mut self) -> Result<(), LinkError> {
+    fn attend(&mut self, listener: &mut Listener) -> Result<(), LinkError> {
         for _ in 0..MOST_AT_ONCE {
-            let Ok(stream) = self.listener.accept().map(UnixStream::from) else { break };
+            let Ok(stream) = listener.accept().map(UnixStream::from) else { break };
             if self.clients.len() < MOST_CLIENTS {
                 self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
             }
@@ -195,7 +192,6 @@ impl Client {
 #[cfg(test)]
 mod tests {
     use std::io::{BufRead as _, BufReader, Read as _};
-    use std::path::Path;
 
     use facewire_packet::State;
     use serde_json::{Value, json};
@@ -232,17 +228,29 @@ mod tests {
         assert!(value(&output)["age_ms"].is_null());
     }
 
-    /// A socket that is served only when the test calls it, its path, and its folder.
-    fn clients() -> (Clients, PathBuf, tempfile::TempDir) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        (Server(path.clone()).open().unwrap(), path, folder)
+    /// A socket that is served only when the test calls it.
+    struct Served {
+        server: Server,
+        listener: Listener,
+        _folder: tempfile::TempDir,
     }
 
-    fn connected(path: &Path) -> BufReader<UnixStream> {
-        let stream = UnixStream::connect(path).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        BufReader::new(stream)
+    impl Served {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let mut server = Server::new(&folder.path().join("lines"));
+            Self { listener: server.open().unwrap(), server, _folder: folder }
+        }
+
+        fn write(&mut self, number: u32, padding: usize) {
+            assert!(self.server.write(&mut self.listener, format!("{number:0padding$}\n").as_bytes()).unwrap());
+        }
+
+        fn connected(&self) -> BufReader<UnixStream> {
+            let stream = UnixStream::connect(&self.server.path).unwrap();
+            stream.set_read_timeout(Some(PATIENCE)).unwrap();
+            BufReader::new(stream)
+        }
     }
 
     /// Returns the number in the next line.
@@ -253,22 +261,18 @@ mod tests {
         line.trim().parse().unwrap()
     }
 
-    fn write(session: &mut Clients, number: u32, padding: usize) {
-        assert!(session.write(format!("{number:0padding$}\n").as_bytes()).unwrap());
-    }
-
     #[test]
     fn a_client_that_reads_nothing_delays_no_other_and_later_reads_whole_lines() {
-        let (mut session, path, _folder) = clients();
-        let [mut slow, mut quick, _idle] = [(); 3].map(|()| connected(&path));
+        let mut served = Served::new();
+        let [mut slow, mut quick, _idle] = [(); 3].map(|()| served.connected());
         // Far more than the buffer of a socket holds.
         for number in 0..1000 {
-            write(&mut session, number, 2000);
+            served.write(number, 2000);
             assert_eq!(next(&mut quick), number);
         }
         let (mut gaps, mut before) = (0, next(&mut slow));
         for number in 1000..1400 {
-            write(&mut session, number, 2000);
+            served.write(number, 2000);
             let number = next(&mut slow);
             assert!(number > before);
             gaps += u32::from(number > before + 100);
@@ -276,34 +280,35 @@ mod tests {
         }
         assert_eq!(gaps, 1, "the slow client missed lines");
         let long_ago = Instant::now().checked_sub(2 * LONGEST_WAIT).unwrap();
-        session.clients.iter_mut().for_each(|client| client.took = long_ago);
-        write(&mut session, 1400, 2000);
-        assert_eq!(session.clients.len(), 1, "a client that takes nothing for too long is disconnected");
+        served.server.clients.iter_mut().for_each(|client| client.took = long_ago);
+        served.write(1400, 2000);
+        assert_eq!(served.server.clients.len(), 1, "a client that takes nothing for too long is disconnected");
     }
 
     #[test]
     fn a_crowd_is_disconnected_in_parts_so_that_it_delays_no_line_and_leaving_makes_room() {
-        let (mut session, path, _folder) = clients();
-        let mut crowd: Vec<_> = (0..2 * MOST_AT_ONCE).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        let mut served = Served::new();
+        let mut crowd: Vec<_> =
+            (0..2 * MOST_AT_ONCE).map(|_| UnixStream::connect(&served.server.path).unwrap()).collect();
         let is_disconnected = |client: &mut UnixStream| {
             client.set_nonblocking(true).unwrap();
             client.read(&mut [0; 1]).is_ok_and(|length| length == 0)
         };
         for most in [MOST_AT_ONCE, 2 * MOST_AT_ONCE] {
-            session.attend().unwrap();
+            served.server.attend(&mut served.listener).unwrap();
             let disconnected = crowd.iter_mut().map(is_disconnected).filter(|is_gone| *is_gone).count();
-            assert_eq!((session.clients.len(), disconnected), (MOST_CLIENTS, most - MOST_CLIENTS));
+            assert_eq!((served.server.clients.len(), disconnected), (MOST_CLIENTS, most - MOST_CLIENTS));
         }
         drop(crowd);
-        write(&mut session, 1, 0);
-        let mut client = connected(&path);
-        write(&mut session, 2, 0);
-        assert_eq!((session.clients.len(), next(&mut client)), (1, 2));
+        served.write(1, 0);
+        let mut client = served.connected();
+        served.write(2, 0);
+        assert_eq!((served.server.clients.len(), next(&mut client)), (1, 2));
         // A TCP socket that is shut down accepts nobody, which stands for any error of the system.
-        session.listener = Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap();
-        rustix::net::shutdown(&session.listener, rustix::net::Shutdown::Both).unwrap();
-        assert_ne!(session.listener.accept().unwrap_err().kind(), ErrorKind::WouldBlock);
-        write(&mut session, 3, 0);
+        served.listener = Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap();
+        rustix::net::shutdown(&served.listener, rustix::net::Shutdown::Both).unwrap();
+        assert_ne!(served.listener.accept().unwrap_err().kind(), ErrorKind::WouldBlock);
+        served.write(3, 0);
         assert_eq!(next(&mut client), 3, "a client keeps its place while the system accepts no others");
     }
 }

@@ -9,9 +9,9 @@
 use std::time::Instant;
 
 use super::angles::Gaze;
-use super::{Format, Inquiry, Output};
+use super::{Format, Inquiry, Output, packet};
 use crate::config::{MaestroProtocol, MaestroSettings};
-use crate::servo::{Channel, ChannelInput};
+use crate::servo::{Board, Channel};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
@@ -127,21 +127,18 @@ fn errors(answer: &[u8]) -> Vec<&'static str> {
 #[derive(Debug)]
 pub struct Maestro {
     settings: MaestroSettings,
-    channels: Vec<Channel>,
-    stepped_at: Option<Instant>,
+    board: Board,
     message: Vec<u8>,
 }
 
 impl Maestro {
     pub fn new(settings: &MaestroSettings) -> Self {
-        let mut channels: Vec<Channel> = settings.channels.iter().map(Channel::new).collect();
-        channels.sort_by_key(|channel| channel.number);
-        let message = Vec::with_capacity(channels.len() * COMMAND_BYTES);
-        Self { settings: settings.clone(), channels, stepped_at: None, message }
+        let message = Vec::with_capacity(settings.channels.len() * COMMAND_BYTES);
+        Self { settings: settings.clone(), board: Board::new(&settings.channels), message }
     }
 
     fn limits(&self, out: &mut Vec<u8>) {
-        for channel in &self.channels {
+        for channel in self.board.channels() {
             let (span_us, limits) = (channel.span_us(), channel.limits);
             let speed = speed(limits.speed_per_s * span_us);
             let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
@@ -155,19 +152,14 @@ impl Maestro {
 
 impl Format for Maestro {
     fn encode(&mut self, output: &Output, _gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let Self { settings, channels, stepped_at, message } = self;
+        let Self { settings, board, message } = self;
         let protocol = Protocol::new(settings);
-        let now = Instant::now();
-        let step_s = stepped_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
-        let input = ChannelInput::new(output.state, output.reason, output.pose.rotation, &output.pose.coefficients);
         message.clear();
         // One command sets neighbours if it may set several, otherwise each channel has its own.
         let is_next = |a: &Channel, b: &Channel| settings.multiple_targets && a.number.checked_add(1) == Some(b.number);
-        for block in channels.chunk_by_mut(is_next) {
+        for block in board.follow(&packet(output, 0), Instant::now()).chunk_by(is_next) {
             let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
-            let targets = block
-                .iter_mut()
-                .flat_map(|channel| data(target(channel.step(&input, step_s).map(|pulses| pulses.target_us))));
+            let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
             if count == 1 {
                 protocol.write(message, Code::SetTarget, [first].into_iter().chain(targets));
             } else {

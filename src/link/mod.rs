@@ -32,9 +32,9 @@ use facewire_packet::Packet;
 use self::angles::Gaze;
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
+use self::ifacialmocap::IFacialMocap;
 pub use self::ifacialmocap::request as ifacialmocap_request;
-use self::ifacialmocap::{IFacialMocap, Subscribers};
-use self::json::{JsonLines, Server, Stdout};
+use self::json::{JsonLines, Stdout};
 use self::live_link::LiveLink;
 use self::maestro::Maestro;
 use self::output::Shown;
@@ -77,35 +77,6 @@ pub struct Inquiry {
     pub silence: &'static str,
 }
 
-pub trait Carrier: Debug + Send {
-    /// Sends the message or drops it, without waiting, and counts it.
-    fn send(&mut self, message: &[u8]);
-
-    /// Whether messages reach the network or the serial port at present.
-    fn is_open(&self) -> bool;
-
-    /// The system's error number if the network refused the last message. Serial ports log their errors themselves.
-    fn refusal(&self) -> Option<i32> {
-        None
-    }
-
-    /// Whether the receiver is known. Until then nothing is sent or counted.
-    fn has_receiver(&self) -> bool {
-        true
-    }
-
-    /// Asks to look up the receiver's address now.
-    fn refresh(&self) {}
-
-    /// Asks the carrier to send what it was given and end, without waiting for it.
-    fn stop(&self) {}
-
-    /// Whether the carrier has ended after [`Carrier::stop`].
-    fn has_ended(&self) -> bool {
-        true
-    }
-}
-
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]
 pub struct Traffic {
@@ -124,7 +95,9 @@ pub struct Rates {
 #[derive(Debug)]
 pub struct Link {
     format: Box<dyn Format>,
-    carrier: Box<dyn Carrier>,
+    udp: Option<UdpCarrier>,
+    /// What may block. A link to receivers that ask for the face can have both.
+    device: Option<Background>,
     traffic: Arc<Traffic>,
     sequence: u32,
     gaze: Gaze,
@@ -172,21 +145,31 @@ impl Link {
     /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
     /// again until they succeed.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let (format, counters) = (format_of(&settings.kind), Arc::clone(traffic));
-        let carrier: Box<dyn Carrier> = match settings.kind.carrier() {
-            CarrierSettings::Udp(address) => Box::new(UdpCarrier::open(address, counters)?),
-            CarrierSettings::Serial { device, baud, auto } => {
-                Box::new(serial_carrier(device, baud, auto, (format.preamble(), format.inquiry()), counters)?)
+        let (format, counters) = (format_of(&settings.kind), || Arc::clone(traffic));
+        let (mut udp, mut device) = (None, None);
+        match settings.kind.carrier() {
+            CarrierSettings::Udp(address) => udp = Some(UdpCarrier::open(address, counters())?),
+            CarrierSettings::Serial { device: port, baud, auto } => {
+                device = Some(serial_carrier(port, baud, auto, (format.preamble(), format.inquiry()), counters())?);
             }
-            CarrierSettings::I2c(board) => Box::new(pca9685::carrier(board, counters)?),
-            CarrierSettings::Subscribers(settings) => Box::new(Subscribers::open(settings, counters)?),
-            CarrierSettings::Stdout => Box::new(Background::start(settings, "fw-stdout", Stdout, true, counters)?),
+            CarrierSettings::I2c(it) => {
+                device = Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?);
+            }
+            CarrierSettings::Subscribers(it) => {
+                udp = it.address.as_ref().map(|address| UdpCarrier::open(address, counters())).transpose()?;
+                // With an address, only the messages to it are counted.
+                let others = if udp.is_some() { Arc::default() } else { counters() };
+                let server = it.listen.map(|listen| ifacialmocap::Server::new(listen, it.reply_port));
+                let server = server.map(|server| Background::start(settings, "fw-subscribe", server, others));
+                device = server.transpose()?;
+            }
+            CarrierSettings::Stdout => device = Some(Background::start(settings, "fw-stdout", Stdout, counters())?),
             CarrierSettings::UnixSocket(path) => {
-                Box::new(Background::start(settings, "fw-socket", Server(path.to_owned()), true, counters)?)
+                device = Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?);
             }
-        };
-        let (traffic, gaze, shown) = (Arc::clone(traffic), Gaze::default(), Shown::default());
-        Ok(Self { format, carrier, traffic, sequence: 0, gaze, shown, last: None })
+        }
+        let (traffic, gaze, shown) = (counters(), Gaze::default(), Shown::default());
+        Ok(Self { format, udp, device, traffic, sequence: 0, gaze, shown, last: None })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -200,7 +183,7 @@ impl Link {
             CarrierSettings::Udp(address) => udp::check(address)?,
             // A service that runs already listens there itself.
             CarrierSettings::Subscribers(_) | CarrierSettings::Stdout | CarrierSettings::UnixSocket(_) => {}
-            CarrierSettings::I2c(board) => pca9685::Bus::open(board)?.probe()?,
+            CarrierSettings::I2c(board) => drop(pca9685::Bus::open(board)?),
             CarrierSettings::Serial { device, baud, auto } => {
                 let port = match PortSearch::new(device, auto).find() {
                     Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
@@ -245,20 +228,42 @@ impl Link {
     }
 
     fn encode(&mut self, output: &Output) {
-        if !self.carrier.has_receiver() {
+        let Self { format, udp, device, traffic, .. } = self;
+        if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
         self.gaze.follow(&output.pose.coefficients);
-        let Self { format, carrier, traffic, .. } = self;
         format.encode(output, self.gaze, self.sequence, &mut |message| {
             traffic.packets.fetch_add(1, Relaxed);
-            carrier.send(message);
+            udp.iter_mut().for_each(|udp| udp.send(message));
+            device.iter_mut().for_each(|device| device.send(message));
         });
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    pub fn carrier(&self) -> &dyn Carrier {
-        &*self.carrier
+    /// Whether messages reach the network or the device at present.
+    pub fn is_open(&self) -> bool {
+        self.udp.as_ref().is_some_and(UdpCarrier::is_open) || self.device.as_ref().is_some_and(Background::is_open)
+    }
+
+    /// The system's error number if the network refused the last message. Devices log their errors themselves.
+    pub fn refusal(&self) -> Option<i32> {
+        self.udp.as_ref()?.refusal()
+    }
+
+    /// Asks to look up the receiver's address now.
+    pub fn refresh(&self) {
+        self.udp.iter().for_each(UdpCarrier::refresh);
+    }
+
+    /// Asks the link to send what it was given and end, without waiting for it.
+    pub fn stop(&self) {
+        self.device.iter().for_each(Background::stop);
+    }
+
+    /// Whether the link has ended after [`Link::stop`].
+    pub fn has_ended(&self) -> bool {
+        self.device.as_ref().is_none_or(Background::has_ended)
     }
 }
 
@@ -271,7 +276,7 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
         LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
         LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
         LinkKind::Maestro(settings) => Box::new(Maestro::new(settings)),
-        LinkKind::IFacialMocap(_) => Box::new(IFacialMocap::new()),
+        LinkKind::IFacialMocap(settings) => Box::new(IFacialMocap::new(settings)),
         LinkKind::Json(_) => Box::new(JsonLines::new()),
     }
 }
@@ -284,23 +289,27 @@ struct Packets {
 
 impl Format for Packets {
     fn encode(&mut self, output: &Output, _gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let packet = Packet {
-            state: output.state,
-            reason: output.reason,
-            neutral_face: output.pose.neutral_face,
-            sequence: sequence as u16,
-            age_us: u32::try_from(output.age_us).unwrap_or(u32::MAX),
-            capture_us: output.capture_us as u32,
-            rotation: output.pose.rotation,
-            position_mm: output.pose.position_mm,
-            coefficients: output.pose.coefficients,
-        };
+        let packet = packet(output, sequence);
         if self.are_framed { send(&packet.encode_frame()) } else { send(&packet.encode()) }
     }
 
     /// The end of a frame separates the first frame from leftovers on the line.
     fn preamble(&self) -> Vec<u8> {
         vec![0; usize::from(self.are_framed)]
+    }
+}
+
+fn packet(output: &Output, sequence: u32) -> Packet {
+    Packet {
+        state: output.state,
+        reason: output.reason,
+        neutral_face: output.pose.neutral_face,
+        sequence: sequence as u16,
+        age_us: u32::try_from(output.age_us).unwrap_or(u32::MAX),
+        capture_us: output.capture_us as u32,
+        rotation: output.pose.rotation,
+        position_mm: output.pose.position_mm,
+        coefficients: output.pose.coefficients,
     }
 }
 

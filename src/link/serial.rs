@@ -33,7 +33,7 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
 use self::board::{CLASS, restarts_board};
 pub use self::board::{PortSearch, is_maestro};
-use super::background::{Background, Device, Session};
+use super::background::{Background, Device};
 use super::{Inquiry, LinkError, LinkErrorKind, Traffic};
 use crate::config::{AutoDevice, SerialDevice};
 use crate::retry::LoggedReasons;
@@ -167,43 +167,23 @@ pub fn serial_carrier(
 ) -> Result<Background, LinkError> {
     // Claimed here, so that the first of two links to one device gets it.
     let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
-    let first_claim = path.and_then(|path| PortClaim::acquire(path).ok());
-    let line = Line { search: PortSearch::new(device, auto), baud, preamble, inquiry, first_claim };
-    Background::start(device, "fw-serial", line, path.is_some(), traffic)
+    let (first_claim, is_found) = (path.and_then(|path| PortClaim::acquire(path).ok()), path.is_some());
+    let line = Line { search: PortSearch::new(device, auto), is_found, baud, preamble, inquiry, first_claim };
+    Background::start(device, "fw-serial", line, traffic)
 }
 
-#[derive(Debug)]
 struct Line {
     search: PortSearch,
+    /// Whether a port was found before, even if it is away now.
+    is_found: bool,
     baud: u32,
     preamble: Vec<u8>,
     inquiry: Option<Inquiry>,
     first_claim: Option<PortClaim>,
 }
 
-impl Device for Line {
-    type Session<'a> = Port<'a>;
-
-    fn open(&mut self) -> Result<Port<'_>, LinkError> {
-        let device = self.search.find()?;
-        let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
-        let (tty, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
-        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
-        if dtr.is_some() {
-            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", device.display());
-        }
-        let mut port = Port::new(self, device, tty, dtr, claim);
-        if port.dtr.is_none() {
-            port.begin();
-        }
-        Ok(port)
-    }
-}
-
 /// An open port. While its board restarts, it gets nothing; then it may be asked, and answers.
-struct Port<'a> {
-    preamble: &'a [u8],
-    inquiry: Option<&'a Inquiry>,
+struct Port {
     device: PathBuf,
     tty: TTYPort,
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
@@ -220,57 +200,80 @@ struct Port<'a> {
     _claim: PortClaim,
 }
 
-impl Session for Port<'_> {
-    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
-        self.write_in_time(message).map_err(|error| lost(&self.device, error))
+impl Device for Line {
+    type Open = Port;
+
+    fn open(&mut self) -> Result<Port, LinkError> {
+        let found = self.search.find();
+        self.is_found |= !found.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting);
+        let device = found?;
+        let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
+        let (tty, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
+        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
+        let mut port = Port::new(device, tty, dtr, claim);
+        if port.dtr.is_some() {
+            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());
+        } else {
+            self.begin(&mut port);
+        }
+        Ok(port)
     }
 
-    fn attend(&mut self) -> Result<(), LinkError> {
-        self.advance().map_err(|error| lost(&self.device, error))
+    fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
+        port.write(message).map_err(|error| lost(&port.device, error))
+    }
+
+    fn attend(&mut self, port: &mut Port) -> Result<(), LinkError> {
+        self.advance(port).map_err(|error| lost(&port.device, error))
+    }
+
+    fn has_receiver(&self) -> bool {
+        self.is_found
     }
 }
 
-impl<'a> Port<'a> {
-    fn new(line: &'a Line, device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, _claim: PortClaim) -> Self {
-        let (preamble, inquiry, now) = (&line.preamble, line.inquiry.as_ref(), Instant::now());
-        let (is_asked, since, takes, took_at, logged) = (false, now, true, now, LoggedReasons::default());
-        Self { preamble, inquiry, device, tty, dtr, is_asked, since, takes, took_at, logged, _claim }
-    }
-
-    fn begin(&mut self) {
-        if let Some(port) = self.dtr.take() {
+impl Line {
+    fn begin(&self, port: &mut Port) {
+        if let Some(port) = port.dtr.take() {
             // If this fails, the board restarts once more at the next opening.
             let _ = keep_dtr(&port);
         }
-        let _ = self.tty.write(self.preamble);
-        (self.since, self.took_at) = (Instant::now(), Instant::now());
+        let _ = port.tty.write(&self.preamble);
+        (port.since, port.took_at) = (Instant::now(), Instant::now());
     }
 
     /// Does what is due: ends the restart, asks, or takes the answer.
-    fn advance(&mut self) -> io::Result<()> {
-        let (elapsed, available) = (self.since.elapsed(), self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
-        if self.dtr.is_some() {
+    fn advance(&self, port: &mut Port) -> io::Result<()> {
+        let (elapsed, available) = (port.since.elapsed(), port.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
+        if port.dtr.is_some() {
             if elapsed >= RESTART {
-                self.begin();
+                self.begin(port);
             }
             return Ok(());
         }
-        let Some(inquiry) = self.inquiry else { return Ok(()) };
-        if self.is_asked && available >= inquiry.answer_bytes {
-            self.is_asked = false;
+        let Some(inquiry) = &self.inquiry else { return Ok(()) };
+        if port.is_asked && available >= inquiry.answer_bytes {
+            port.is_asked = false;
             let mut answer = vec![0; inquiry.answer_bytes];
-            self.tty.read_exact(&mut answer)?;
-            (inquiry.troubles)(&answer).into_iter().for_each(|trouble| self.warn(trouble));
-        } else if self.is_asked && elapsed >= ANSWER_TIMEOUT {
-            self.is_asked = false;
-            self.warn(inquiry.silence);
-        } else if !self.is_asked && elapsed >= INQUIRY_PERIOD {
-            (self.is_asked, self.since) = (inquiry.answer_bytes > 0, Instant::now());
-            let _ = self.tty.clear(ClearBuffer::Input);
+            port.tty.read_exact(&mut answer)?;
+            (inquiry.troubles)(&answer).into_iter().for_each(|trouble| port.warn(trouble));
+        } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
+            port.is_asked = false;
+            port.warn(inquiry.silence);
+        } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
+            (port.is_asked, port.since) = (inquiry.answer_bytes > 0, Instant::now());
+            let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
-            in_time(self.tty.write(&inquiry.question))?;
+            in_time(port.tty.write(&inquiry.question))?;
         }
         Ok(())
+    }
+}
+
+impl Port {
+    fn new(device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, _claim: PortClaim) -> Self {
+        let (now, logged) = (Instant::now(), LoggedReasons::default());
+        Self { device, tty, dtr, is_asked: false, since: now, takes: true, took_at: now, logged, _claim }
     }
 
     fn warn(&mut self, trouble: &str) {
@@ -279,7 +282,7 @@ impl<'a> Port<'a> {
         }
     }
 
-    fn write_in_time(&mut self, message: &[u8]) -> io::Result<bool> {
+    fn write(&mut self, message: &[u8]) -> io::Result<bool> {
         if self.dtr.is_some() {
             return Ok(false);
         }
@@ -302,7 +305,7 @@ impl<'a> Port<'a> {
     }
 }
 
-impl Drop for Port<'_> {
+impl Drop for Port {
     /// Discards unsent bytes if the receiver does not read: closing would wait half a minute for them.
     fn drop(&mut self) {
         if !self.takes {
@@ -370,17 +373,17 @@ mod tests {
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
         let inquiry = Some(Inquiry { question: b"?".to_vec(), answer_bytes: 2, troubles: |_| Vec::new(), silence: "" });
-        let line = Line { search, baud: 115_200, preamble: vec![0], inquiry, first_claim: None };
-        let mut port = Port::new(&line, device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
+        let mut line = Line { search, is_found: true, baud: 115_200, preamble: vec![0], inquiry, first_claim: None };
+        let mut port = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
             assert!(!port.write(b"dropped").unwrap());
-            port.attend().unwrap();
+            line.attend(&mut port).unwrap();
         }
         assert_eq!((board.bytes_to_read().unwrap(), keeps_dtr()), (0, false));
         // Returns whether an answer is awaited so long after the restart or the last question.
-        let after = |port: &mut Port, elapsed| {
+        let mut after = |port: &mut Port, elapsed| {
             port.since = Instant::now().checked_sub(elapsed).unwrap();
-            port.attend().unwrap();
+            line.attend(port).unwrap();
             port.is_asked
         };
         assert!(!after(&mut port, RESTART) && keeps_dtr());

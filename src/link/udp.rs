@@ -16,7 +16,7 @@ use std::{fs, io};
 
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
-use super::{Carrier, LinkError, LinkErrorKind, Traffic};
+use super::{LinkError, LinkErrorKind, Traffic};
 use crate::config::Address;
 use crate::retry::Retry;
 
@@ -45,10 +45,9 @@ impl UdpCarrier {
         };
         Ok(Self { destination, lookup, traffic, refusal: None })
     }
-}
 
-impl Carrier for UdpCarrier {
-    fn send(&mut self, message: &[u8]) {
+    /// Sends the message or drops it, without waiting, and counts it.
+    pub fn send(&mut self, message: &[u8]) {
         let destination = self.destination.read().as_ref();
         let sent = destination.map(|to| to.socket.send_to(message, to.receiver));
         let is_sent = matches!(sent, Some(Ok(_)));
@@ -58,15 +57,18 @@ impl Carrier for UdpCarrier {
         self.refusal = error.and_then(|error| error.raw_os_error());
     }
 
-    fn is_open(&self) -> bool {
+    /// Whether messages reach the network at present.
+    pub fn is_open(&self) -> bool {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
     }
 
-    fn refusal(&self) -> Option<i32> {
+    /// The system's error number if the network refused the last message.
+    pub fn refusal(&self) -> Option<i32> {
         self.refusal
     }
 
-    fn refresh(&self) {
+    /// Asks to look up the receiver's address now.
+    pub fn refresh(&self) {
         self.lookup.iter().for_each(|(thread, _)| thread.unpark());
     }
 }
@@ -142,7 +144,7 @@ impl Host {
                         tracing::warn!("{error}; packets still go to {current}");
                     }
                     (Err(_), Some(_)) => {}
-                    (Err(error), None) => retry.warn(&error),
+                    (Err(error), None) => retry.tell(&error, false),
                 }
                 thread::park_timeout(if self.current.is_some() { period } else { retry.back_off.wait() });
             }

@@ -146,7 +146,7 @@ impl Links {
             *link = same.and_then(|(_, link)| link.take());
         }
         old.send_last(last);
-        self.each().for_each(|(_, link)| link.carrier().refresh());
+        self.each().for_each(|(_, link)| link.refresh());
     }
 
     /// Offers the output to every link. Returns how long the links can wait for the next output, in microseconds.
@@ -165,16 +165,16 @@ impl Links {
     }
 
     pub(super) fn count(&mut self, counters: &Counters) {
-        let open = self.each().filter(|(_, link)| link.carrier().is_open()).count();
+        let open = self.each().filter(|(_, link)| link.is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
-        let refusal = (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?)));
+        let refusal = (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.refusal()?)));
         counters.set_refusal(refusal);
     }
 
     pub(super) fn close(mut self) {
         let end = Instant::now() + LAST_PACKET;
-        self.each().for_each(|(_, link)| link.carrier().stop());
-        while self.each().any(|(_, link)| !link.carrier().has_ended()) && Instant::now() < end {
+        self.each().for_each(|(_, link)| link.stop());
+        while self.each().any(|(_, link)| !link.has_ended()) && Instant::now() < end {
             thread::sleep(LOOK);
         }
     }

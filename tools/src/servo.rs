@@ -154,7 +154,6 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
         }
         LinkKind::Pca9685(settings) => {
             let mut bus = Bus::open(settings)?;
-            bus.probe()?;
             Ok(Box::new(move |pulse_us| Ok(bus.set_pulse(channel, pulse_us)?)))
         }
         LinkKind::Maestro(settings) => {

@@ -7,9 +7,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
+use serde_json::json;
 
 pub use self::figures::cpu_time;
-use self::figures::{Figures, Samples, constant_work, interruptions, quantile};
+use self::figures::{Samples, constant_work, interruptions, peak_memory_mb, quantile};
 use self::layers::Layers;
 use crate::input::{self, USUAL_SIZE_PX};
 use facewire::capture::{DEMO, FrameRate, Source};
@@ -79,42 +80,45 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     for _ in 0..args.rounds {
         measure(&mut pipeline, args, &mut samples)?;
     }
-    if samples.stages.whole.is_empty() {
+    if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
     // A report does not contain the path of a file.
     let input = if args.report && args.input != DEMO { "another film" } else { &args.input };
     // Peak memory is read before the layers are measured, which takes memory for further networks.
-    let mut figures = Figures::new(input, &samples);
+    samples.peak_memory_mb = peak_memory_mb();
     let layers = (args.layers || args.report).then(|| Layers::measure(&settings.networks)).transpose()?;
     // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
     print(&match (report, layers) {
         (Some((before, sensors)), Some(layers)) => {
-            let (after, _) = sensors.read(0.0);
-            report_text(&settings, bound, [before, after], &figures, &layers)
+            report_text(&settings, bound, [before, sensors.read(0.0).0], &layers, (input, &samples))
+        }
+        (_, layers) if args.json => {
+            let mut figures = samples.json(input);
+            if let Some(layers) = layers {
+                figures["layers"] = json!(layers);
+            }
+            format!("{figures}\n")
         }
         (_, layers) => {
-            figures.layers = layers;
-            if args.json { figures.json() } else { figures.table() }
+            samples.table(input) + &layers.map_or_else(String::new, |layers| format!("\n{}", layers.table()))
         }
     })?;
-    args.svg.as_ref().map_or(Ok(()), |path| figures::draw(path, &samples.stages.whole))
+    args.svg.as_ref().map_or(Ok(()), |path| figures::draw(path, &samples.whole))
 }
 
 /// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
 /// with a face.
 fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
     let (cpu, begun, before) = (cpu_time(), Instant::now(), interruptions());
-    let faces = samples.stages.whole.len();
+    let faces = samples.whole.len();
     play(pipeline, args, samples)?;
     samples.cpu += cpu_time().saturating_sub(cpu);
     samples.elapsed += begun.elapsed();
     for ((sum, now), before) in samples.interruptions.iter_mut().zip(interruptions()).zip(before) {
         *sum += now.saturating_sub(before);
     }
-    let mut sorted = samples.stages.whole.clone();
-    sorted.sort_unstable();
-    samples.stages.constant_work.extend(constant_work(quantile(&sorted, 0.5), sorted.len() - faces));
+    samples.constant_work.extend(constant_work(quantile(&samples.whole, 0.5), samples.whole.len() - faces));
     Ok(())
 }
 
@@ -130,7 +134,7 @@ fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Res
         let begun = Instant::now();
         let Some(frame) = source.next()? else { return Ok(()) };
         let decode = begun.elapsed();
-        samples.stages.decode.push(decode);
+        samples.decode.push(decode);
         samples.frames += 1;
         let begun = Instant::now();
         let processed = pipeline.process(&frame);
@@ -151,8 +155,8 @@ fn report_text(
     settings: &Settings,
     bound: Option<String>,
     [before, after]: [String; 2],
-    figures: &Figures,
     layers: &Layers,
+    (input, samples): (&str, &Samples),
 ) -> String {
     let (root, networks, camera) = (hardware::root(), &settings.networks, &settings.camera);
     // The settings that matter for speed.
@@ -176,13 +180,13 @@ fn report_text(
         ("after", after),
         ("flags", Flags::ask().map_or_else(|| "none".to_owned(), |flags| flags.to_string())),
         ("networks", layers.summary()),
-        ("rate", format!("{:.0} frames a second at p95, with decoding", figures.frames_per_second())),
+        ("rate", format!("{:.0} frames a second at p95, with decoding", samples.frames_per_second())),
     ];
     let lines = lines.map(|(name, value)| format!("{name:<11}{value}\n")).concat();
     format!(
         "--- facewire bench --report ---\n{lines}\n{}---\n\
          This block names no person, machine, address, path or serial number. Please tell us: the settings of boards are \
          estimates\nuntil their owners have measured them.\n",
-        figures.table()
+        samples.table(input)
     )
 }

@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 use facewire_engine::{Network, kernels, peak};
 use serde::Serialize;
 
-use super::figures::quantile;
 use facewire::config::NetworkSettings;
 use facewire_face::InferError;
 use facewire_face::stages::native_network;
@@ -144,7 +143,7 @@ impl TimedNetwork {
     fn speed(self, peak_per_s: f64) -> NetworkSpeed {
         let speed = |multiply_adds, mut times: Vec<Duration>| {
             times.sort_unstable();
-            Speed::of(multiply_adds, quantile(&times, 0.5), peak_per_s)
+            Speed::of(multiply_adds, times.get(RUNS / 2).copied().unwrap_or_default(), peak_per_s)
         };
         let described = self.network.layers();
         let multiply_adds = described.iter().map(|(_, multiply_adds)| multiply_adds).sum();

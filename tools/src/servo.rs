@@ -6,7 +6,7 @@
 mod finder;
 
 use std::io::{self, IsTerminal as _, Read as _, Stdout, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
@@ -15,10 +15,10 @@ use crossterm::event::{self, KeyCode, KeyEvent, KeyModifiers};
 use crossterm::style::Print;
 use crossterm::terminal::{Clear, ClearType, disable_raw_mode, enable_raw_mode};
 use crossterm::{cursor, execute};
-use serialport::{ClearBuffer, SerialPort as _, TTYPort};
+use serialport::{ClearBuffer, SerialPort as _};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use self::finder::{Finder, Key};
+use self::finder::Finder;
 use crate::stopped_by;
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
 use facewire::config::{AutoDevice, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
@@ -32,8 +32,6 @@ const RESEND_PERIOD: Duration = Duration::from_millis(200);
 const PATIENCE: Duration = Duration::from_millis(500);
 /// Speed of the servo, microseconds of the pulse per second: a large step takes a few hundredths of a second.
 const SPEED_US_PER_S: f32 = 2000.0;
-/// Number of steps by which the keys up and down move.
-const LARGE: i32 = 5;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -81,7 +79,6 @@ pub struct ServoArgs {
     settings: SettingsArgs,
 }
 
-/// What the servo does after the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum End {
     /// It gets no more pulses
@@ -128,9 +125,8 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
         while !stop.load(Relaxed) {
             terminal.write(&format!("\r{}", finder.status()))?;
             match key()? {
-                Some(Key::End) => break,
-                Some(key) => finder.press(key),
-                None => {}
+                Some(key) if is_end(key) => break,
+                key => drop(key.map(|key| finder.press(key.code))),
             }
             set_pulse(finder.pulse_us())?;
         }
@@ -156,49 +152,34 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
             let mut bus = Bus::open(settings)?;
             Ok(Box::new(move |pulse_us| Ok(bus.set_pulse(channel, pulse_us)?)))
         }
-        LinkKind::Maestro(settings) => {
-            let mut maestro = Maestro::open(settings, channel)?;
-            Ok(Box::new(move |pulse_us| maestro.command(Code::SetTarget, target(pulse_us))))
-        }
+        LinkKind::Maestro(settings) => open_maestro(settings, channel),
         _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
     }
 }
 
-struct Maestro {
-    tty: TTYPort,
-    device: PathBuf,
-    protocol: Protocol,
-    channel: u8,
-}
-
-impl Maestro {
-    fn open(settings: &MaestroSettings, channel: u8) -> Result<Self, Failure> {
-        let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
-        let tty = open_port(&device, settings.baud, PATIENCE)?;
-        let mut maestro = Self { tty, device, protocol: Protocol::new(settings), channel };
-        if settings.read_errors {
-            // The question for errors checks that the Maestro answers. Its errors are older than this command, and ignored.
-            // A Maestro that detects its baud rate needs a command of the first protocol.
-            let mut question = Vec::new();
-            for protocol in [Protocol::pololu(settings), maestro.protocol] {
-                protocol.write(&mut question, Code::GetErrors, []);
-            }
-            let _ = maestro.tty.clear(ClearBuffer::Input);
-            let asked = maestro.tty.write_all(&question);
-            let answered = asked.and_then(|()| maestro.tty.read_exact(&mut [0; ANSWER_BYTES]));
-            answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", maestro.device.display())))?;
+fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Failure> {
+    let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
+    let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, Protocol::new(settings));
+    if settings.read_errors {
+        // The question for errors checks that the Maestro answers. Its errors are older than this command, and ignored. A
+        // Maestro that detects its baud rate needs a command of the first protocol.
+        let mut question = Vec::new();
+        for protocol in [Protocol::pololu(settings), protocol] {
+            protocol.write(&mut question, Code::GetErrors, []);
         }
-        maestro.command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
-        Ok(maestro)
+        let _ = tty.clear(ClearBuffer::Input);
+        let answered = tty.write_all(&question).and_then(|()| tty.read_exact(&mut [0; ANSWER_BYTES]));
+        answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", device.display())))?;
     }
-
-    fn command(&mut self, code: Code, value: u16) -> Result<(), Failure> {
+    let mut command = move |code, value| {
         let ([low, high], mut command) = (data(value), Vec::new());
-        self.protocol.write(&mut command, code, [self.channel, low, high]);
+        protocol.write(&mut command, code, [channel, low, high]);
         // Answers to earlier commands are discarded, because nobody reads them.
-        let _ = self.tty.clear(ClearBuffer::Input);
-        self.tty.write_all(&command).map_err(|error| lost(&self.device, error).into())
-    }
+        let _ = tty.clear(ClearBuffer::Input);
+        tty.write_all(&command).map_err(|error| lost(&device, error).into())
+    };
+    command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
+    Ok(Box::new(move |pulse_us| command(Code::SetTarget, target(pulse_us))))
 }
 
 /// A terminal that gives single keys. It is restored when this is dropped.
@@ -230,10 +211,10 @@ fn gone(error: io::Error) -> Failure {
     Failure::unwritable(Path::new(STANDARD_OUTPUT), &error)
 }
 
-/// Waits for a key with a meaning, until a pulse is due again.
-fn key() -> Result<Option<Key>, Failure> {
+/// Waits for a key, until a pulse is due again.
+fn key() -> Result<Option<KeyEvent>, Failure> {
     match event::poll(RESEND_PERIOD) {
-        Ok(true) => Ok(event::read().map_err(gone)?.as_key_press_event().and_then(meaning)),
+        Ok(true) => Ok(event::read().map_err(gone)?.as_key_press_event()),
         Ok(false) => Ok(None),
         // A signal is no failure of the terminal.
         Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(None),
@@ -241,21 +222,9 @@ fn key() -> Result<Option<Key>, Failure> {
     }
 }
 
-fn meaning(key: KeyEvent) -> Option<Key> {
+fn is_end(key: KeyEvent) -> bool {
     let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
-    Some(match key.code {
-        KeyCode::Char('c' | 'd') if is_control => Key::End,
-        KeyCode::Char('q') | KeyCode::Esc => Key::End,
-        KeyCode::Left => Key::Move(-1),
-        KeyCode::Right => Key::Move(1),
-        KeyCode::Down => Key::Move(-LARGE),
-        KeyCode::Up => Key::Move(LARGE),
-        KeyCode::Char('0') => Key::At0,
-        KeyCode::Char('1') => Key::At1,
-        KeyCode::Char('n') => Key::Neutral,
-        KeyCode::Char(' ') => Key::Pulses,
-        _ => return None,
-    })
+    matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) || is_control && matches!(key.code, KeyCode::Char('c' | 'd'))
 }
 
 #[cfg(test)]

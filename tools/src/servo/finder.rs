@@ -1,54 +1,50 @@
 //! What keys do: they change the pulse, and take it as that of an end or of the neutral position.
 
+use crossterm::event::KeyCode;
+
 /// The pulses that keys reach, microseconds. Nearly all servos stay within them.
 const REACH_US: [u16; 2] = [500, 2500];
+/// Number of steps by which the keys up and down move.
+const LARGE: i32 = 5;
 /// An example, because a channel must follow something and the user has not said yet what.
 const SOURCES: &str = "sources = { jawOpen = 1.0 }   # what the servo follows";
 
-#[derive(Clone, Copy)]
-pub enum Key {
-    /// Moves by this number of steps.
-    Move(i32),
-    /// These take the pulse as that of an end, or as the neutral one.
-    At0,
-    At1,
-    Neutral,
-    /// Ends or begins the pulses.
-    Pulses,
-    /// Ends the command.
-    End,
-}
-
-/// The pulse, and the pulses that were taken, microseconds.
+/// The pulse, and the pulses that were taken, microseconds: those of both ends, and the neutral one.
 pub struct Finder {
     pulse_us: u16,
     step_us: u16,
     is_driven: bool,
-    at_0_us: Option<u16>,
-    at_1_us: Option<u16>,
-    neutral_us: Option<u16>,
+    taken_us: [Option<u16>; 3],
 }
 
 impl Finder {
     /// Begins at this pulse, which the servo gets with the first key.
     pub fn new(pulse_us: u16, step_us: u16) -> Self {
-        Self { pulse_us, step_us, is_driven: false, at_0_us: None, at_1_us: None, neutral_us: None }
+        Self { pulse_us, step_us, is_driven: false, taken_us: [None; 3] }
     }
 
-    /// Does what the key says. The first key that moves only begins the pulses.
-    pub fn press(&mut self, key: Key) {
+    /// Does what the key says.
+    pub fn press(&mut self, key: KeyCode) {
+        let [at_0, at_1, neutral] = &mut self.taken_us;
         match key {
-            Key::Move(_) if !self.is_driven => self.is_driven = true,
-            Key::Move(steps) => {
-                let [least, most] = REACH_US.map(i32::from);
-                let pulse_us = (i32::from(self.pulse_us) + steps * i32::from(self.step_us)).clamp(least, most);
-                self.pulse_us = u16::try_from(pulse_us).unwrap_or(self.pulse_us);
-            }
-            Key::At0 => self.at_0_us = Some(self.pulse_us),
-            Key::At1 => self.at_1_us = Some(self.pulse_us),
-            Key::Neutral => self.neutral_us = Some(self.pulse_us),
-            Key::Pulses => self.is_driven = !self.is_driven,
-            Key::End => {}
+            KeyCode::Left => self.step(-1),
+            KeyCode::Right => self.step(1),
+            KeyCode::Down => self.step(-LARGE),
+            KeyCode::Up => self.step(LARGE),
+            KeyCode::Char('0') => *at_0 = Some(self.pulse_us),
+            KeyCode::Char('1') => *at_1 = Some(self.pulse_us),
+            KeyCode::Char('n') => *neutral = Some(self.pulse_us),
+            KeyCode::Char(' ') => self.is_driven = !self.is_driven,
+            _ => {}
+        }
+    }
+
+    /// Moves by this number of steps. The first key that moves only begins the pulses.
+    fn step(&mut self, steps: i32) {
+        if std::mem::replace(&mut self.is_driven, true) {
+            let [least, most] = REACH_US.map(i32::from);
+            let pulse_us = (i32::from(self.pulse_us) + steps * i32::from(self.step_us)).clamp(least, most);
+            self.pulse_us = u16::try_from(pulse_us).unwrap_or(self.pulse_us);
         }
     }
 
@@ -59,33 +55,31 @@ impl Finder {
 
     /// The pulse that was taken as the neutral one.
     pub fn neutral_us(&self) -> Option<f32> {
-        self.neutral_us.map(f32::from)
+        self.taken_us[2].map(f32::from)
     }
 
     /// One line about the state.
     pub fn status(&self) -> String {
-        let taken = [("0", self.at_0_us), ("1", self.at_1_us), ("neutral", self.neutral_us)].map(|(name, taken)| {
+        let taken = ["0", "1", "neutral"].iter().zip(self.taken_us).map(|(name, taken)| {
             format!("   {name}: {}", taken.map_or_else(|| "-".to_owned(), |pulse_us| pulse_us.to_string()))
         });
-        format!("{:4} us{}{}", self.pulse_us, if self.is_driven { "" } else { " (no pulses)" }, taken.concat())
+        let pulses = if self.is_driven { "" } else { " (no pulses)" };
+        format!("{:4} us{pulses}{}", self.pulse_us, taken.collect::<String>())
     }
 
     /// The lines for the settings.
     pub fn lines(&self, channel: u8) -> String {
-        let line = |name: &str, value: Option<String>| value.map(|value| format!("{name} = {value}\n"));
-        let taken = [
-            line("pulse_at_0_us", self.at_0_us.map(|pulse_us| pulse_us.to_string())),
-            line("pulse_at_1_us", self.at_1_us.map(|pulse_us| pulse_us.to_string())),
-            line("neutral", self.neutral().map(|position| format!("{position:.3}"))),
-        ];
-        format!("[[link.channel]]\nchannel = {channel}\n{SOURCES}\n{}", taken.into_iter().flatten().collect::<String>())
-    }
-
-    /// The neutral position between both ends.
-    fn neutral(&self) -> Option<f32> {
-        let [at_0, at_1, neutral] = [self.at_0_us?, self.at_1_us?, self.neutral_us?].map(f32::from);
-        let position = (neutral - at_0) / (at_1 - at_0);
-        position.is_finite().then(|| position.clamp(0.0, 1.0))
+        let mut lines = format!("[[link.channel]]\nchannel = {channel}\n{SOURCES}\n");
+        for (name, taken) in ["pulse_at_0_us", "pulse_at_1_us"].iter().zip(self.taken_us) {
+            lines.extend(taken.map(|pulse_us| format!("{name} = {pulse_us}\n")));
+        }
+        if let [Some(at_0), Some(at_1), Some(neutral)] = self.taken_us.map(|taken| taken.map(f32::from))
+            && at_0 != at_1
+        {
+            let position = ((neutral - at_0) / (at_1 - at_0)).clamp(0.0, 1.0);
+            lines += &format!("neutral = {position:.3}\n");
+        }
+        lines
     }
 }
 
@@ -101,17 +95,19 @@ mod tests {
             finder.press(key);
             finder.pulse_us()
         };
-        let pulses = [Key::At0, Key::Move(1), Key::Move(-1), Key::Pulses, Key::Pulses].map(&mut after);
-        assert_eq!(pulses, [None, Some(1500.0), Some(1400.0), None, Some(1400.0)]);
-        for (steps, end_us) in [(5, 2500.0), (-5, 500.0)] {
-            assert_eq!((0..50).filter_map(|_| after(Key::Move(steps))).last(), Some(end_us));
+        let keys = [KeyCode::Char('0'), KeyCode::Right, KeyCode::Left, KeyCode::Char(' '), KeyCode::Char(' ')];
+        assert_eq!(keys.map(&mut after), [None, Some(1500.0), Some(1400.0), None, Some(1400.0)]);
+        for (key, end_us) in [(KeyCode::Up, 2500.0), (KeyCode::Down, 500.0)] {
+            assert_eq!((0..50).filter_map(|_| after(key)).last(), Some(end_us));
         }
     }
 
     #[test]
     fn the_lines_have_what_was_taken_even_of_a_servo_that_runs_backwards_and_load_as_settings() {
         let mut finder = Finder::new(1500, 100);
-        for key in [Key::Move(0), Key::Neutral, Key::Move(5), Key::At0, Key::Move(-15), Key::At1] {
+        let [neutral, at_0, at_1] = ['n', '0', '1'].map(KeyCode::Char);
+        let down = KeyCode::Down;
+        for key in [KeyCode::Left, neutral, KeyCode::Up, at_0, down, down, down, at_1] {
             finder.press(key);
             for kind in ["maestro", "pca9685"] {
                 let text = format!("[[link]]\nkind = \"{kind}\"\n{}", finder.lines(3));

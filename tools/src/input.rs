@@ -9,6 +9,7 @@ use std::path::Path;
 use facewire::capture::{AviSource, CaptureError, Clip, Content, DEMO, Description, Frame, FrameRate, Source};
 use facewire::recording::{Reader, Recorded, RecordingError};
 use facewire_face::{Face, Landmarks, MESH};
+use facewire_packet::Reason;
 use npyz::{DType, DTypeError, NpyFile, Order, TypeChar};
 
 use self::y4m::Y4mSource;
@@ -35,13 +36,13 @@ pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Re
         return Ok(Box::new(Y4mSource::open(stream, "standard input", rate)?));
     }
     if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
-        return Ok(Box::new(PointsSource::open(input, rate, points_size_px)?));
+        return Ok(Box::new(FaceSource::points(input, rate, points_size_px)?));
     }
     let cannot = |error| CaptureError::unopened(input, &error);
     let mut reader = BufReader::with_capacity(BUFFER_BYTES, File::open(input).map_err(cannot)?);
     match reader.fill_buf().map_err(cannot)? {
         [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, input, rate)?)),
-        [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(RecordingSource::open(input)?)),
+        [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(FaceSource::recording(input)?)),
         [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, input, rate)?)),
         _ => {
             let remedy = format!("convert it with `ffmpeg -i {input} -c:v mjpeg -q:v 3 out.avi`");
@@ -50,35 +51,89 @@ pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Re
     }
 }
 
-struct RecordingSource {
-    reader: Reader<BufReader<File>>,
-    /// The first frame, which was read for the size of its picture.
-    first: Option<Recorded>,
+/// The landmarks in a file: a recording, or a `.npy` file.
+struct FaceSource {
+    frames: Box<dyn Iterator<Item = Result<Recorded, CaptureError>>>,
     current: Option<Recorded>,
-    origin: String,
-    size_px: [u16; 2],
     number: u64,
+    origin: String,
+    format: &'static str,
+    size_px: [u16; 2],
+    rate: Option<FrameRate>,
 }
 
-impl RecordingSource {
-    fn open(path: &str) -> Result<Self, CaptureError> {
-        let mut reader = Reader::open(Path::new(path)).map_err(|error| unreadable(path, &error))?;
-        let first = reader.next_frame().map_err(|error| unreadable(path, &error))?;
+impl FaceSource {
+    fn recording(path: &str) -> Result<Self, CaptureError> {
+        let origin = path.to_owned();
+        let unreadable = move |error: RecordingError| CaptureError::BadFile(format!("{origin}: {error}"));
+        let mut reader = Reader::open(Path::new(path)).map_err(&unreadable)?;
+        let first = reader.next_frame().map_err(&unreadable)?;
         let size_px = first.as_ref().map_or([0; 2], |frame| frame.size_px);
-        Ok(Self { reader, first, current: None, origin: path.to_owned(), size_px, number: 0 })
+        let others = std::iter::from_fn(move || reader.next_frame().map_err(&unreadable).transpose());
+        let frames = Box::new(first.map(Ok).into_iter().chain(others));
+        Ok(Self { frames, current: None, number: 0, origin: path.to_owned(), format: "recording", size_px, rate: None })
+    }
+
+    /// Opens a `.npy` file of frames x 478 x 3 numbers, in pixels of pictures of this size. A frame with a number that is
+    /// not finite shows no face.
+    fn points(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
+        let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
+        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
+        let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
+        let mut start = Vec::new();
+        reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
+        let npy = is_plain(&start).then(|| NpyFile::new(Cursor::new(start).chain(reader)).ok()).flatten();
+        let npy = npy.ok_or_else(|| refuse("is not a .npy file of plain numbers"))?;
+        let [count, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
+        if npy.order() != Order::C {
+            return Err(refuse("is in Fortran order"));
+        }
+        let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
+        let unreadable = |error: DTypeError| refuse(&error.to_string());
+        let mut values: Box<dyn Iterator<Item = io::Result<f32>>> = match (kind.type_char(), kind.size_field()) {
+            (TypeChar::Float, 4) => Box::new(npy.data::<f32>().map_err(unreadable)?),
+            (TypeChar::Float, 8) => {
+                Box::new(npy.data::<f64>().map_err(unreadable)?.map(|value| value.map(|value| value as f32)))
+            }
+            _ => return Err(refuse("holds numbers of another kind")),
+        };
+        let frames = Box::new((0..count).map(move |number| {
+            let landmarks = landmarks(&mut values, number)?;
+            let landmarks = landmarks.is_finite().then_some(landmarks);
+            Ok(Recorded { time_us: rate.stamp_us(number), pose: Err(Reason::NoFace), size_px, landmarks })
+        }));
+        let (origin, rate) = (path.to_owned(), Some(rate));
+        Ok(Self { frames, current: None, number: 0, origin, format: "landmarks", size_px, rate })
     }
 }
 
-fn unreadable(path: &str, error: &RecordingError) -> CaptureError {
-    CaptureError::BadFile(format!("{path}: {error}"))
+/// Reads the landmarks of a frame. Some trackers write irises of depth 0, which the model was not fitted to. They are put at
+/// the depth of the eye.
+fn landmarks(values: &mut dyn Iterator<Item = io::Result<f32>>, number: u64) -> Result<Landmarks, CaptureError> {
+    let mut landmarks = Landmarks::zero();
+    for slot in landmarks.0.as_flattened_mut() {
+        let value = values.next().unwrap_or_else(|| Err(ErrorKind::UnexpectedEof.into()));
+        *slot = value.map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => CaptureError::BadFile(format!(
+                "the .npy file is cut short in frame {number}; the frames before it were used, write it again for the rest"
+            )),
+            _ => error.into(),
+        })?;
+    }
+    if landmarks.0.iter().skip(MESH).all(|[_, _, depth]| *depth == 0.0) {
+        landmarks.level_irises();
+    }
+    Ok(landmarks)
 }
 
-impl Source for RecordingSource {
+impl Source for FaceSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        self.current = match self.first.take() {
-            None => self.reader.next_frame().map_err(|error| unreadable(&self.origin, &error))?,
-            first => first,
-        };
+        let next = self.frames.next().transpose();
+        if next.is_err() {
+            // After an error the file has ended.
+            self.frames = Box::new(std::iter::empty());
+        }
+        self.current = next?;
         let Some(frame) = &self.current else { return Ok(None) };
         let number = self.number;
         self.number += 1;
@@ -92,84 +147,7 @@ impl Source for RecordingSource {
 
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.size_px.map(usize::from);
-        Description { origin: &self.origin, format: "recording", width, height, rate: None }
-    }
-}
-
-/// Landmarks in a `.npy` file: frames x 478 x 3 numbers, in pixels. A frame with a number that is not finite shows no face.
-///
-/// Some trackers write irises of depth 0, which the model was not fitted to. They are put at the depth of the eye.
-struct PointsSource {
-    values: Box<dyn Iterator<Item = io::Result<f32>>>,
-    origin: String,
-    rate: FrameRate,
-    size_px: [u16; 2],
-    /// Frames that the header announces and that were not read yet.
-    left: u64,
-    number: u64,
-    landmarks: Box<Landmarks>,
-}
-
-impl PointsSource {
-    /// Opens the file at `path`, whose landmarks were found in pictures of this size.
-    fn open(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
-        let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
-        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
-        let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
-        let mut start = Vec::new();
-        reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
-        let npy = is_plain(&start).then(|| NpyFile::new(Cursor::new(start).chain(reader)).ok()).flatten();
-        let npy = npy.ok_or_else(|| refuse("is not a .npy file of plain numbers"))?;
-        let [left, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
-        if npy.order() != Order::C {
-            return Err(refuse("is in Fortran order"));
-        }
-        let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
-        let unreadable = |error: DTypeError| refuse(&error.to_string());
-        let values: Box<dyn Iterator<Item = _>> = match (kind.type_char(), kind.size_field()) {
-            (TypeChar::Float, 4) => Box::new(npy.data::<f32>().map_err(unreadable)?),
-            (TypeChar::Float, 8) => {
-                Box::new(npy.data::<f64>().map_err(unreadable)?.map(|value| value.map(|value| value as f32)))
-            }
-            _ => return Err(refuse("holds numbers of another kind")),
-        };
-        let (origin, landmarks) = (path.to_owned(), Box::new(Landmarks::zero()));
-        Ok(Self { values, origin, rate, size_px, left, number: 0, landmarks })
-    }
-}
-
-impl Source for PointsSource {
-    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let Some(left) = self.left.checked_sub(1) else { return Ok(None) };
-        // After an error the file has ended.
-        self.left = 0;
-        let number = self.number;
-        for slot in self.landmarks.0.as_flattened_mut() {
-            let value = self.values.next().unwrap_or_else(|| Err(ErrorKind::UnexpectedEof.into()));
-            *slot = value.map_err(|error| match error.kind() {
-                ErrorKind::UnexpectedEof => CaptureError::BadFile(format!(
-                    "the .npy file is cut short in frame {number}; the frames before it were used, write it again for \
-                     the rest"
-                )),
-                _ => error.into(),
-            })?;
-        }
-        (self.left, self.number) = (left, number + 1);
-        if self.landmarks.0.iter().skip(MESH).all(|[_, _, depth]| *depth == 0.0) {
-            self.landmarks.level_irises();
-        }
-        let face = self.landmarks.is_finite().then(|| Face::from(&*self.landmarks));
-        let content = Content::Face { face, size_px: self.size_px.map(f32::from) };
-        Ok(Some(Frame { content, captured_us: self.rate.stamp_us(number), number }))
-    }
-
-    fn shows_pictures(&self) -> bool {
-        false
-    }
-
-    fn describe(&self) -> Description<'_> {
-        let [width, height] = self.size_px.map(usize::from);
-        Description { origin: &self.origin, format: "landmarks", width, height, rate: Some(self.rate) }
+        Description { origin: &self.origin, format: self.format, width, height, rate: self.rate }
     }
 }
 
@@ -196,14 +174,6 @@ mod tests {
 
     fn opened(input: &str) -> Result<Box<dyn Source>, CaptureError> {
         open(input, FrameRate::FPS_30, USUAL_SIZE_PX)
-    }
-
-    #[test]
-    fn a_file_of_another_kind_is_refused_by_name() {
-        let reason = |path| opened(path).err().unwrap().to_string();
-        assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
-        assert!(reason("/").contains("cannot open /"));
-        assert!(reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).contains("neither an AVI nor a y4m"));
     }
 
     /// The depths of the irises that a frame shows after it went through a file. All other points have depth 6.

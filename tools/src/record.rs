@@ -4,10 +4,10 @@
 //! sending. Without a service the command opens the camera itself, and sends nothing.
 
 use std::fs;
-use std::io::{self, ErrorKind};
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, TrySendError};
 use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -86,14 +86,21 @@ struct Lost {
 
 fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     connection.ask(&Request::Record {})?;
-    let mut recorder = Recorder::begin(args, stop)?;
-    say("the service records; Ctrl-C ends it");
     let ((told, heard), lost) = (mpsc::sync_channel(WAITING_FRAMES), Arc::<Lost>::default());
     let counted = Arc::clone(&lost);
     thread::spawn(move || listen(|| connection.reply(), &told, &counted));
-    let outcome = keep_all(&heard, &mut recorder);
-    // The frames that came before an error are kept.
-    recorder.finish()?;
+    let other = || Failure::failed("the service is of another version: restart it".to_owned());
+    let outcome = record(args, stop, "the service records", || {
+        let text = match heard.recv_timeout(CHECK_PERIOD) {
+            Ok(Ok(Reply::Frame(text))) => text,
+            Ok(Ok(Reply::Refused(sentence))) => return Err(Failure::failed(sentence)),
+            Ok(Err(error)) => return Err(error),
+            Err(RecvTimeoutError::Timeout) => return Ok(None),
+            Ok(Ok(_)) | Err(RecvTimeoutError::Disconnected) => return Err(other()),
+        };
+        let frame = BASE64_STANDARD.decode(text).ok().and_then(|bytes| Recorded::from_bytes(&bytes));
+        frame.map(Some).ok_or_else(other)
+    });
     let [service, disk] = [&lost.service, &lost.disk].map(|lost| lost.load(Relaxed));
     if service + disk > 0 {
         let remedy = "end other programs, or record to a faster disk";
@@ -118,22 +125,6 @@ fn listen(mut reply: impl FnMut() -> Result<Reply, Failure>, told: &SyncSender<R
     }
 }
 
-fn keep_all(heard: &mpsc::Receiver<Result<Reply, Failure>>, recorder: &mut Recorder) -> Result<(), Failure> {
-    let other = || Failure::failed("the service is of another version: restart it".to_owned());
-    while !recorder.is_over() {
-        let text = match heard.recv_timeout(CHECK_PERIOD) {
-            Ok(Ok(Reply::Frame(text))) => text,
-            Ok(Ok(Reply::Refused(sentence))) => return Err(Failure::failed(sentence)),
-            Ok(Err(error)) => return Err(error),
-            Err(mpsc::RecvTimeoutError::Timeout) => continue,
-            Ok(Ok(_)) | Err(mpsc::RecvTimeoutError::Disconnected) => return Err(other()),
-        };
-        let bytes = BASE64_STANDARD.decode(text).map_err(|_| other())?;
-        recorder.keep(&Recorded::from_bytes(&bytes).ok_or_else(other)?)?;
-    }
-    Ok(())
-}
-
 fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let mut pipeline = Pipeline::load(&settings, true)?;
@@ -141,80 +132,53 @@ fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> 
     model_warning(&settings.wearer, &settings.solver).iter().for_each(say);
     say("no service answers: opening the camera");
     let mut camera = OpenCamera::open(&settings.camera)?;
-    let mut recorder = Recorder::begin(args, stop)?;
-    say(format_args!("recording from {}; Ctrl-C ends it", camera.source.describe()));
-    let outcome = record(&mut camera, &mut pipeline, &mut recorder);
-    recorder.finish()?;
+    let begin = format!("recording from {}", camera.source.describe());
+    let outcome = record(args, stop, &begin, || Ok(camera.next()?.map(|frame| pipeline.process(&frame).record())));
     if let Err(error) = camera.close() {
         say(error);
     }
     outcome
 }
 
-fn record(camera: &mut OpenCamera, pipeline: &mut Pipeline, recorder: &mut Recorder) -> Result<(), Failure> {
-    while !recorder.is_over() {
-        if let Some(frame) = camera.next()? {
-            recorder.keep(&pipeline.process(&frame).record())?;
-        }
-    }
-    Ok(())
-}
-
-struct Recorder<'a> {
-    args: &'a RecordArgs,
-    stop: &'a AtomicBool,
-    writer: Writer,
-    /// Whether the file is as large as it may become.
-    is_full: bool,
-    /// When the first frame came.
-    begun: Option<Instant>,
-    told: Instant,
-    faces: u64,
-}
-
-impl<'a> Recorder<'a> {
-    fn begin(args: &'a RecordArgs, stop: &'a AtomicBool) -> Result<Self, Failure> {
-        let writer = Writer::create(&args.file, args.max_mb * BYTES_PER_MB);
-        let writer = writer.map_err(|error| Failure::unwritable(&args.file, &error))?;
-        Ok(Self { args, stop, writer, is_full: false, begun: None, told: Instant::now(), faces: 0 })
-    }
-
-    fn is_over(&self) -> bool {
-        let lasted_s = self.begun.map(|begun| begun.elapsed().as_secs());
-        let is_long = self.args.seconds.zip(lasted_s).is_some_and(|(longest_s, lasted_s)| lasted_s >= longest_s);
-        self.is_full || is_long || self.stop.load(Relaxed)
-    }
-
-    fn unwritable(&self, error: &io::Error) -> Failure {
-        Failure::unwritable(&self.args.file, error)
-    }
-
-    fn keep(&mut self, frame: &Recorded) -> Result<(), Failure> {
-        self.begun.get_or_insert_with(Instant::now);
-        self.is_full = !self.writer.push(frame).map_err(|error| self.unwritable(&error))?;
-        if self.is_full {
-            say(format_args!("the file is full: --max-mb allows {} MB", self.args.max_mb));
-            return Ok(());
-        }
-        self.faces += u64::from(frame.landmarks.is_some());
-        if self.told.elapsed() >= PROGRESS_PERIOD {
-            self.told = Instant::now();
-            say(format_args!("{} frames, {} with a face", self.writer.frames(), self.faces));
+/// Creates the file, says that it begins, and keeps each frame that `next` gives until a signal or a limit ends the
+/// recording. The frames that came before an error are kept.
+fn record(
+    args: &RecordArgs,
+    stop: &AtomicBool,
+    begin: &str,
+    mut next: impl FnMut() -> Result<Option<Recorded>, Failure>,
+) -> Result<(), Failure> {
+    let unwritable = |error| Failure::unwritable(&args.file, &error);
+    let mut writer = Writer::create(&args.file, args.max_mb * BYTES_PER_MB).map_err(unwritable)?;
+    say(format_args!("{begin}; Ctrl-C ends it"));
+    let (mut first, mut told, mut faces) = (None::<Instant>, Instant::now(), 0_u64);
+    let mut keep_all = || {
+        let is_long = |first: Instant| args.seconds.is_some_and(|longest_s| first.elapsed().as_secs() >= longest_s);
+        while !stop.load(Relaxed) && !first.is_some_and(is_long) {
+            let Some(frame) = next()? else { continue };
+            first.get_or_insert_with(Instant::now);
+            if !writer.push(&frame).map_err(unwritable)? {
+                say(format_args!("the file is full: --max-mb allows {} MB", args.max_mb));
+                break;
+            }
+            faces += u64::from(frame.landmarks.is_some());
+            if told.elapsed() >= PROGRESS_PERIOD {
+                told = Instant::now();
+                say(format_args!("{} frames, {faces} with a face", writer.frames()));
+            }
         }
         Ok(())
+    };
+    let outcome = keep_all();
+    let bytes = writer.finish().map_err(unwritable)?;
+    let (frames, path) = (writer.frames(), &args.file);
+    if frames == 0 {
+        // An empty file would be in the way of the next attempt.
+        let _ = fs::remove_file(path);
     }
-
-    /// Writes what is left. An empty file is removed, because it would be in the way of the next attempt.
-    fn finish(mut self) -> Result<(), Failure> {
-        let bytes = self.writer.finish().map_err(|error| self.unwritable(&error))?;
-        let (frames, path) = (self.writer.frames(), &self.args.file);
-        if frames == 0 {
-            let _ = fs::remove_file(path);
-        }
-        let seconds = self.begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
-        say(format_args!("{frames} frames in {seconds:.1} s: {}, {} kB", path.display(), bytes / 1000));
-        Ok(())
-    }
+    let seconds = first.map_or(0.0, |first| first.elapsed().as_secs_f64());
+    say(format_args!("{frames} frames in {seconds:.1} s: {}, {} kB", path.display(), bytes / 1000));
+    outcome
 }
 
 #[cfg(test)]

@@ -75,14 +75,12 @@ pub struct TrackArgs {
     settings: SettingsArgs,
 }
 
-/// Where the neutral face comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum NeutralSource {
     Frames(Range<u64>),
     Estimate,
 }
 
-/// A stage of the solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Stage {
     /// Output of the regression.
@@ -118,7 +116,6 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
             Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
             None => Box::new(io::stdout()),
         }),
-        row: String::new(),
         landmarks: Vec::new(),
         frames: 0,
         faces: 0,
@@ -133,10 +130,12 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let begun = Instant::now();
     let outcome = track.all();
     // The rows before an error of the input are kept.
-    track.finish()?;
+    if let Some(path) = &args.landmarks {
+        write_npy(path, &track.landmarks).map_err(|error| Failure::unwritable(path, &error))?;
+    }
+    track.out.flush().map_err(|error| track.unwritable(&error))?;
     if outcome.is_ok() || track.frames > 0 {
-        let estimate = track.estimate().unwrap_or_default();
-        say(format_args!("{}{estimate} in {:.1} s", track.summary(), begun.elapsed().as_secs_f64()));
+        say(format_args!("{}{} in {:.1} s", track.summary(), track.estimate(), begun.elapsed().as_secs_f64()));
     }
     outcome
 }
@@ -147,8 +146,6 @@ struct Track<'a> {
     args: &'a TrackArgs,
     /// The CSV file, or standard output.
     out: BufWriter<Box<dyn Write>>,
-    /// The state and the numbers of the last row, for frames that the step leaves out.
-    row: String,
     /// The landmarks of all frames. They are kept until the end, because the header of the file states their number.
     landmarks: Vec<f32>,
     frames: u64,
@@ -164,8 +161,8 @@ impl Track<'_> {
             self.learn_neutral(range)?;
         }
         while let Some(face) = self.playback.find(&mut *self.source)? {
-            self.frame(&face)?;
-            self.leave_out(&face)?;
+            let row = self.frame(&face)?;
+            self.leave_out(&face, &row)?;
         }
         Ok(())
     }
@@ -184,24 +181,24 @@ impl Track<'_> {
         }
         let neutral = Some(neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?);
         self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
-        read.iter().try_for_each(|face| self.frame(face))
+        read.iter().try_for_each(|face| self.frame(face).map(drop))
     }
 
     /// Skips the frames that the step leaves out after this one, and repeats its row for each.
-    fn leave_out(&mut self, face: &TrackedFrame) -> Result<(), Failure> {
+    fn leave_out(&mut self, face: &TrackedFrame, row: &str) -> Result<(), Failure> {
         let rate = self.source.describe().rate.unwrap_or(FrameRate::FPS_30);
         for number in (face.number + 1..).take(self.args.step.every() as usize - 1) {
             if !self.source.skip()? {
                 break;
             }
             self.frames += 1;
-            self.write_row(number, rate.stamp_us(number))?;
+            self.write_row(number, rate.stamp_us(number), row)?;
         }
         Ok(())
     }
 
-    /// Solves a frame and writes its row.
-    fn frame(&mut self, face: &TrackedFrame) -> Result<(), Failure> {
+    /// Solves a frame and writes its row. Returns the state and the numbers of the row.
+    fn frame(&mut self, face: &TrackedFrame) -> Result<String, Failure> {
         if self.args.landmarks.is_some() {
             let landmarks = face.landmarks.as_deref().map(|landmarks| landmarks.0.as_flattened());
             self.landmarks.extend_from_slice(landmarks.unwrap_or(&[f32::NAN; 3 * LANDMARKS]));
@@ -224,12 +221,13 @@ impl Track<'_> {
         // Adding 0 turns -0 into 0.
         let number = |number: &f32| format!(",{:.6}", number + 0.0);
         let numbers = pose.coefficients.iter().chain(&angles_deg).chain(&pose.position_mm).map(number);
-        self.row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
-        self.write_row(face.number, face.time_us)
+        let row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
+        self.write_row(face.number, face.time_us, &row)?;
+        Ok(row)
     }
 
-    fn write_row(&mut self, number: u64, time_us: u64) -> Result<(), Failure> {
-        self.write(&format!("{number},{:.6},{}", time_us as f64 / 1e6, self.row))
+    fn write_row(&mut self, number: u64, time_us: u64, row: &str) -> Result<(), Failure> {
+        self.write(&format!("{number},{:.6},{row}", time_us as f64 / 1e6))
     }
 
     fn write(&mut self, line: &str) -> Result<(), Failure> {
@@ -241,31 +239,23 @@ impl Track<'_> {
         Failure::unwritable(self.args.out.as_deref().unwrap_or(Path::new(STANDARD_OUTPUT)), error)
     }
 
-    /// Writes what is left.
-    fn finish(&mut self) -> Result<(), Failure> {
-        if let Some(path) = &self.args.landmarks {
-            write_npy(path, &self.landmarks).map_err(|error| Failure::unwritable(path, &error))?;
-        }
-        let flushed = self.out.flush();
-        flushed.map_err(|error| self.unwritable(&error))?;
-        Ok(())
-    }
-
     fn summary(&self) -> String {
         let damaged = if self.damaged > 0 { format!(", {} damaged", self.damaged) } else { String::new() };
         format!("{} frames, {} with a face{damaged}", self.frames, self.faces)
     }
 
     /// How far the estimate of the neutral face has come at the end, and how often it was forgotten.
-    fn estimate(&self) -> Option<String> {
+    fn estimate(&self) -> String {
         let solver = &self.playback.pipeline.solver;
+        if solver.neutral_mode != NeutralMode::Auto {
+            return String::new();
+        }
         let forgotten = match solver.neutral_forgotten() {
             0 => String::new(),
             1 => ", forgotten once for another person".to_owned(),
             times => format!(", forgotten {times} times for another person"),
         };
-        (solver.neutral_mode == NeutralMode::Auto)
-            .then(|| format!(", neutral face estimated to {:.0} %{forgotten}", 100.0 * solver.neutral_share()))
+        format!(", neutral face estimated to {:.0} %{forgotten}", 100.0 * solver.neutral_share())
     }
 }
 
@@ -299,21 +289,4 @@ fn parse_size(text: &str) -> Result<[u16; 2], String> {
     let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
     let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
     sides.ok_or_else(|| "write WIDTHxHEIGHT in pixels, such as 640x480".to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ranges_are_half_open_and_not_empty_and_sizes_and_rates_of_nothing_are_refused() {
-        assert_eq!(NeutralSource::parse("0..30"), Ok(NeutralSource::Frames(0..30)));
-        assert_eq!(NeutralSource::parse("auto"), Ok(NeutralSource::Estimate));
-        for wrong in ["30", "5..5", "9..2", "a..b", "..4"] {
-            assert!(NeutralSource::parse(wrong).is_err(), "{wrong}");
-        }
-        assert_eq!(parse_size("960x540"), Ok([960, 540]));
-        assert!(parse_size("0x540").is_err() && parse_size("960").is_err());
-        assert!(parse_fps("0").is_err() && parse_fps("NaN").is_err() && parse_fps("29.97").is_ok());
-    }
 }

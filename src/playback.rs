@@ -14,7 +14,7 @@ use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
 use crate::link::Pose;
 use crate::pipeline::Pipeline;
-use crate::service::failsafe::{Failsafe, History, News};
+use crate::service::failsafe::{Failsafe, History};
 
 #[derive(Debug, thiserror::Error)]
 pub enum PlaybackError {
@@ -92,8 +92,8 @@ impl Playback {
             self.pipeline.forget_face();
         }
         let pose = solution.as_ref().map(Pose::from);
-        let news = News::of(pose.ok_or(Reason::NoFace), face.time_us);
-        let sent = self.failsafe.update(&mut self.history, face.time_us, &news);
+        let news = pose.map(|pose| (pose, face.time_us)).ok_or(Reason::NoFace);
+        let sent = self.failsafe.update(&mut self.history, face.time_us, Some(&news));
         let (state, pose) = pose.map_or((sent.state, sent.pose), |pose| (State::Live, pose));
         Shown { solution, state, pose }
     }

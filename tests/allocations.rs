@@ -18,7 +18,7 @@ use facewire::config::{self, LinkKind, LinkSettings};
 use facewire::link::{Link, Output, Pose, Rates, Traffic};
 use facewire::pipeline::Pipeline;
 use facewire::service::failsafe::{Failsafe, History, News};
-use facewire::watch::{Look, Watch};
+use facewire::watch::Watch;
 use facewire_packet::{Reason, State};
 
 const RATES: Rates = Rates { send_hz: 60, slew_per_s: 4.0 };
@@ -62,11 +62,10 @@ impl Way {
     fn frame(&mut self, source: &mut dyn Source) {
         let frame = source.next().unwrap().unwrap();
         let (processed, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
-        let news = News::of(processed.pose(), frame.captured_us);
-        let output = self.failsafe.update(&mut self.history, now_us, &news);
+        let news: News = processed.pose().map(|pose| (pose, frame.captured_us));
+        let output = self.failsafe.update(&mut self.history, now_us, Some(&news));
         self.link.offer(&self.settings, RATES, now_us, &output);
-        let look = Look::at(frame.picture().unwrap(), processed.face.map(|face| face.landmarks));
-        self.watch.look(&look, frame.captured_us);
+        self.watch.frame(&frame, processed.face.map(|face| face.landmarks));
         // The service observes frames only while a calibration runs.
         self.observations.write(processed.observe(false));
         self.live += usize::from(output.state == State::Live);

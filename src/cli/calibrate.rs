@@ -20,7 +20,7 @@ use crate::capture::monotonic_us;
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::{DEFAULT_WEARER, OpenCamera, Reply, Request, control_sockets};
-use crate::watch::{Look, Watch};
+use crate::watch::Watch;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -40,8 +40,6 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time for which poor light must last before the guide waits for better light.
 const HOLD_US: u64 = 1_000_000;
-/// Time from one look at the light to the next.
-const LOOK_US: u64 = 250_000;
 
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -214,7 +212,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
     let (mut guide, mut display) = (Guide::new(pipeline.solver.model.clone()), Display::new());
-    let (mut watch, mut looked_us) = (Watch::new(HOLD_US), 0);
+    let mut watch = Watch::new(HOLD_US);
     loop {
         if let Some(outcome) = guide.outcome() {
             return outcome.map_err(|refusal| Failure::failed(refusal.end()));
@@ -223,12 +221,7 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
             None => Observation::nothing(monotonic_us()),
             Some(frame) => {
                 let processed = pipeline.process(&frame);
-                if let Some(picture) = frame.picture()
-                    && frame.captured_us.abs_diff(looked_us) >= LOOK_US
-                {
-                    looked_us = frame.captured_us;
-                    watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), looked_us);
-                }
+                watch.frame(&frame, processed.face.map(|face| face.landmarks));
                 let observation = processed.observe(watch.present().is_dark());
                 if let Err(Rejected::Infer(error)) = processed.solved {
                     return Err(error.into());

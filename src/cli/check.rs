@@ -14,7 +14,7 @@ use crate::impairment::ImpairmentSet;
 use crate::link::{Link, notes};
 use crate::preflight::{load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
-use crate::watch::{Look, Watch};
+use crate::watch::Watch;
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -127,7 +127,6 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         say("watching the camera for 3 seconds: look into it");
     }
     let mut found = camera.source.describe().to_string();
-    let stated_us = camera.source.frame_period_us();
     let (mut watch, mut delivered, mut last_look, mut face_px) = (Watch::new(HOLD_US), None, None, None);
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
@@ -140,15 +139,10 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
             {
                 landmarks = tracker.landmarks(picture, &region)?;
             }
-            let look = Look::at(picture, landmarks);
-            watch.look(&look, frame.captured_us);
-            face_px = look.face.map(|face| face.size_px).or(face_px);
-            last_look = Some(look);
+            last_look = watch.frame(&frame, landmarks).or(last_look);
+            face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
-        if let Some(delivery) = camera.source.take_delivery() {
-            watch.delivery(&delivery, stated_us, monotonic_us());
-            delivered = Some(delivery);
-        }
+        delivered = watch.deliveries(&mut *camera.source).or(delivered);
     }
     camera.close()?;
     if let Some(delivery) = delivered {

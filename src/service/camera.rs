@@ -1,24 +1,14 @@
-//! The open camera, whether and when to open it again, and what it shows that impairs tracking. The service and the
-//! commands read frames through it.
+//! The open camera, and whether and when to open it again. The service and the commands read frames through it.
 
-use std::sync::Arc;
 use std::time::Duration;
 
-use facewire_face::Landmarks;
-
-use super::counters::Counters;
 use crate::capture::v4l2::{PixelFormat, Wish};
-use crate::capture::{self, CaptureError, Frame, FrameFault, FrameRate, Source, monotonic_us};
+use crate::capture::{self, CaptureError, Frame, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
 use crate::retry::{BackOff, LONGEST_WAIT};
-use crate::watch::{Look, Watch};
 
 /// The camera is opened again after this many damaged frames in a row, which cures some cameras.
 const MAX_DAMAGED: u32 = 8;
-/// Time from one look at the picture to the next, microseconds.
-const LOOK_US: u64 = 250_000;
-/// Time for which an impairment must last, or be gone, before that is reported, microseconds.
-const HOLD_US: u64 = 3_000_000;
 
 /// A camera, or the built-in clip played as one.
 pub struct OpenCamera {
@@ -96,56 +86,10 @@ pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
     back_off.wait()
 }
 
-/// Watches for the hot loop: between a frame and the next it neither allocates nor waits.
-#[derive(Debug)]
-pub(super) struct Watcher {
-    counters: Arc<Counters>,
-    pub(super) watch: Watch,
-    /// The frame period that the camera states, microseconds.
-    pub(super) stated_us: Option<u64>,
-    last_look_us: u64,
-}
-
-impl Watcher {
-    pub(super) fn new(counters: Arc<Counters>) -> Self {
-        Self { counters, watch: Watch::new(HOLD_US), stated_us: None, last_look_us: 0 }
-    }
-
-    /// Clears the impairments, because a closed camera causes none.
-    pub(super) fn forget(&mut self) {
-        self.watch = Watch::new(HOLD_US);
-        self.tell();
-    }
-
-    /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
-    pub(super) fn look(&mut self, frame: &Frame, face: Option<&Landmarks>) {
-        let Some(picture) = frame.picture() else { return };
-        // The timestamps of some drivers step back.
-        if frame.captured_us.abs_diff(self.last_look_us) >= LOOK_US {
-            self.last_look_us = frame.captured_us;
-            self.watch.look(&Look::at(picture, face), frame.captured_us);
-            self.tell();
-        }
-    }
-
-    pub(super) fn count(&mut self, camera: &mut dyn Source) {
-        if let Some(delivery) = camera.take_delivery() {
-            self.watch.delivery(&delivery, self.stated_us, monotonic_us());
-            self.tell();
-        }
-    }
-
-    fn tell(&self) {
-        self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use facewire_face::{Picture, Pixels};
-
     use super::*;
-    use crate::capture::{Clip, Content, Description};
+    use crate::capture::{Clip, Description};
 
     struct DamagedClip {
         clip: Clip,
@@ -183,17 +127,5 @@ mod tests {
         assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
         assert_eq!(wait_ms(999), 1000, "a glimpse");
         assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
-    }
-
-    #[test]
-    fn a_camera_whose_timestamps_step_back_is_watched_all_the_same() {
-        let counters = Arc::new(Counters::default());
-        let mut watcher = Watcher::new(Arc::clone(&counters));
-        let pixels = Pixels::Grey { data: &[0; 64 * 64], stride: 64 };
-        let content = Content::Picture(Picture::new(64, 64, pixels, true).unwrap());
-        let mut look = |captured_us| watcher.look(&Frame { content, captured_us, number: 0 }, None);
-        look(3_600_000_000);
-        (0..16).for_each(|number| look(5_000_000 + number * LOOK_US));
-        assert_eq!(counters.impairments.present().to_string(), "black");
     }
 }

@@ -39,22 +39,10 @@ pub struct Failsafe {
     slew_per_s: f32,
 }
 
-/// What has happened since the last update. The hot loop leaves it for the sender, which sees the newest only.
-#[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "three of them live in a triple buffer, none on the heap")]
-pub enum News {
-    Nothing,
-    /// The newest pose and the capture time of its frame. A pose that was given before changes nothing.
-    Pose(Pose, u64),
-    /// Why there is no pose. The reason stands until a pose or another fault comes.
-    Fault(Reason),
-}
-
-impl News {
-    pub fn of(pose: Result<Pose, Reason>, captured_us: u64) -> Self {
-        pose.map_or_else(Self::Fault, |pose| Self::Pose(pose, captured_us))
-    }
-}
+/// The newest pose and the capture time of its frame, or why there is none. A pose that was given before changes nothing.
+/// A reason stands until a pose or another reason comes. The hot loop leaves news for the sender, which sees the newest
+/// only.
+pub type News = Result<(Pose, u64), Reason>;
 
 impl Failsafe {
     /// Returns the limits of the settings. If three frame periods take longer than `live_ms`, all times move by the
@@ -67,11 +55,15 @@ impl Failsafe {
         Self { live_us, hold_us, neutral_us, slew_per_s }
     }
 
-    pub fn update(&self, history: &mut History, now_us: u64, news: &News) -> Output {
+    pub fn update(&self, history: &mut History, now_us: u64, news: Option<&News>) -> Output {
         let before_us = history.output.age_us;
         let elapsed_us = history.advance(now_us);
         self.age(history);
-        history.output.followed = self.hear(history, now_us, news);
+        let heard = news.map(|news| news.and_then(|(pose, capture_us)| self.hear(history, now_us, pose, capture_us)));
+        if let Some(Err(reason)) = heard {
+            (history.reason, history.row) = (reason, 0);
+        }
+        history.output.followed = heard == Some(Ok(true));
         self.move_output(history, before_us, elapsed_us);
         let output = &mut history.output;
         output.moving = output.state == State::Decay || (output.state == State::Live && history.is_ramping);
@@ -118,30 +110,26 @@ impl Failsafe {
         }
     }
 
-    fn hear(&self, history: &mut History, now_us: u64, news: &News) -> bool {
-        let (pose, capture_us) = match *news {
-            News::Nothing => return false,
-            News::Fault(reason) => return history.fault(reason),
-            News::Pose(pose, capture_us) => (pose, capture_us),
-        };
+    /// Returns whether the output follows the pose from now on, or the fault that the pose has.
+    fn hear(&self, history: &mut History, now_us: u64, pose: Pose, capture_us: u64) -> Result<bool, Reason> {
         if history.heard_us.replace(capture_us) == Some(capture_us) {
-            return false;
+            return Ok(false);
         }
         let age_us = now_us.saturating_sub(capture_us);
-        let Some(pose) = pose.checked() else { return history.fault(Reason::BadResult) };
+        let pose = pose.checked().ok_or(Reason::BadResult)?;
         if age_us >= self.live_us {
-            return history.fault(Reason::Late);
+            return Err(Reason::Late);
         }
-        let Recovery { poses, since_first_us, since_last_us } = history.recovery;
-        let is_row = poses > 0 && since_last_us < self.live_us;
-        let (poses, since_first_us) = if is_row { (poses.saturating_add(1), since_first_us) } else { (1, 0) };
-        history.recovery = Recovery { poses, since_first_us, since_last_us: 0 };
-        let is_recovered = poses >= RECOVERY_POSES && since_first_us >= RECOVERY_US;
+        if history.row == 0 || history.since_last_us >= self.live_us {
+            (history.row, history.since_first_us) = (0, 0);
+        }
+        (history.row, history.since_last_us) = (history.row.saturating_add(1), 0);
+        let is_recovered = history.row >= RECOVERY_POSES && history.since_first_us >= RECOVERY_US;
         let is_followed = is_recovered || matches!(history.output.state, State::Live | State::Hold);
         if is_followed {
             history.follow(pose, capture_us, age_us);
         }
-        is_followed
+        Ok(is_followed)
     }
 
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
@@ -180,17 +168,11 @@ pub struct History {
     target: Pose,
     /// Whether the output still has to catch up with `target`.
     is_ramping: bool,
-    is_fresh: bool,
     now_us: Option<u64>,
     /// Capture time of the last pose in the news, followed or not.
     heard_us: Option<u64>,
-    recovery: Recovery,
-}
-
-/// The good poses in a row. One that comes `live_us` or more after the last starts a new row.
-#[derive(Debug, Clone, Default)]
-struct Recovery {
-    poses: u32,
+    /// The good poses in a row. One that comes `live_us` or more after the last starts a new row.
+    row: u32,
     since_first_us: u64,
     since_last_us: u64,
 }
@@ -203,10 +185,11 @@ impl Default for History {
             reason,
             target: pose,
             is_ramping: false,
-            is_fresh: true,
             now_us: None,
             heard_us: None,
-            recovery: Recovery::default(),
+            row: 0,
+            since_first_us: 0,
+            since_last_us: 0,
         }
     }
 }
@@ -215,25 +198,17 @@ impl History {
     /// Lets time pass, and returns how much. A clock that steps back counts as standing still.
     fn advance(&mut self, now_us: u64) -> u64 {
         let elapsed_us = now_us.saturating_sub(self.now_us.replace(now_us).unwrap_or(now_us));
-        let Recovery { since_first_us, since_last_us, .. } = &mut self.recovery;
-        for time_us in [&mut self.output.age_us, since_first_us, since_last_us] {
+        for time_us in [&mut self.output.age_us, &mut self.since_first_us, &mut self.since_last_us] {
             *time_us = time_us.saturating_add(elapsed_us);
         }
         elapsed_us
-    }
-
-    /// Notes why there is no pose, and starts the recovery over. Nothing new is followed.
-    fn fault(&mut self, reason: Reason) -> bool {
-        self.reason = reason;
-        self.recovery = Recovery::default();
-        false
     }
 
     /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
     fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
         let output = &mut self.output;
         self.is_ramping |= output.state != State::Live;
-        if std::mem::take(&mut self.is_fresh) {
+        if output.age_us == u64::MAX {
             output.pose.position_mm = pose.position_mm;
         }
         (output.state, output.capture_us, output.age_us) = (State::Live, capture_us, age_us);

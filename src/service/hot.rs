@@ -13,7 +13,7 @@ use facewire_packet::Reason;
 use triple_buffer::Input;
 
 use super::ServiceError;
-use super::camera::{self, OpenCamera, Watcher};
+use super::camera::{self, OpenCamera};
 use super::counters::Counters;
 use super::failsafe::News;
 use super::loader::Loader;
@@ -29,8 +29,11 @@ use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
+use crate::watch::Watch;
 use facewire_face::{InferError, Model, Profile, Tracker};
 
+/// Time for which an impairment must last, or be gone, before that is reported, microseconds.
+const HOLD_US: u64 = 3_000_000;
 /// A single failed inference can be a moment without memory. After this many in a row, the networks are loaded again.
 const FAILURES_BEFORE_REMEDY: u32 = 8;
 /// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
@@ -49,9 +52,8 @@ pub(super) struct Outlets {
 pub(super) enum Event {
     Started(Vec<Grant>),
     Opened(String),
-    Lost(CaptureError),
-    Closed(CaptureError),
-    NotLoaded(SetupError),
+    /// There are no pictures: what is missing, and why.
+    Blind(&'static str, String),
     /// The engine has failed several times in a row, and its networks are about to be loaded again.
     EngineFailed(InferError),
     EngineReloaded,
@@ -80,25 +82,32 @@ pub(super) struct HotLoop {
     counters: Arc<Counters>,
     opened_us: Option<u64>,
     timing: FrameTiming,
-    watcher: Watcher,
+    watch: Watch,
     has_small_picture: bool,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
     rehearsed: ImpairmentSet,
 }
 
 enum Trouble {
-    Retry(Event),
+    Retry(Reason, Event),
     /// Trying again in this process does not help.
     Fatal(ServiceError),
 }
 
-impl From<Event> for Trouble {
-    fn from(event: Event) -> Self {
-        match event {
+impl Trouble {
+    fn no_camera(error: CaptureError) -> Self {
+        Self::camera("no camera", error)
+    }
+
+    fn camera_lost(error: CaptureError) -> Self {
+        Self::camera("camera lost", error)
+    }
+
+    fn camera(what: &'static str, error: CaptureError) -> Self {
+        match error {
             // The camera stays busy until the process ends.
-            Event::Lost(error @ CaptureError::NotStopped { .. })
-            | Event::Closed(error @ CaptureError::NotStopped { .. }) => Self::Fatal(error.into()),
-            event => Self::Retry(event),
+            CaptureError::NotStopped { .. } => Self::Fatal(error.into()),
+            error => Self::Retry(Reason::NoCamera, Event::Blind(what, error.to_string())),
         }
     }
 }
@@ -125,7 +134,7 @@ impl HotLoop {
             changes,
             opened_us: None,
             timing: FrameTiming::new(Arc::clone(&counters)),
-            watcher: Watcher::new(Arc::clone(&counters)),
+            watch: Watch::new(HOLD_US),
             counters,
             has_small_picture: false,
             rehearsed: ImpairmentSet::default(),
@@ -140,10 +149,9 @@ impl HotLoop {
             let outcome = self.attempt();
             let lasted = self.opened_us.take().map_or(Duration::ZERO, |opened_us| between(opened_us, monotonic_us()));
             match outcome {
-                Ok(()) => self.outlets.report(News::Fault(Reason::NoCamera)),
-                Err(Trouble::Retry(event)) => {
-                    let is_camera = matches!(event, Event::Lost(_) | Event::Closed(_));
-                    self.outlets.report(News::Fault(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
+                Ok(()) => self.outlets.report(Err(Reason::NoCamera)),
+                Err(Trouble::Retry(reason, event)) => {
+                    self.outlets.report(Err(reason));
                     self.tell(event);
                     self.enter(Phase::Open);
                     let wait = camera::wait_after(lasted, &mut back_off);
@@ -152,7 +160,8 @@ impl HotLoop {
                     }
                 }
                 Err(Trouble::Fatal(error)) => {
-                    self.outlets.report(News::Fault(error.reason()));
+                    let is_camera = matches!(error, ServiceError::Camera(_));
+                    self.outlets.report(Err(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
                     return Err(error);
                 }
             }
@@ -167,7 +176,9 @@ impl HotLoop {
             let loaded = self.load(move || Pipeline::load(&settings, true))?;
             let pipeline = self.pipeline.insert(loaded.map_err(|error| match error {
                 // A file that was missing may be copied at this moment, and so be incomplete.
-                SetupError::Model { .. } => Event::NotLoaded(error).into(),
+                SetupError::Model { .. } => {
+                    Trouble::Retry(Reason::BadResult, Event::Blind("no model", error.to_string()))
+                }
                 SetupError::Networks(_) => Trouble::Fatal(error.into()),
             })?);
             pipeline.solver.profile = self.profile.clone();
@@ -175,13 +186,15 @@ impl HotLoop {
         self.enter(Phase::Open);
         self.has_small_picture = self.counters.small_picture.load(Relaxed);
         let camera = OpenCamera::begin(&self.settings.camera, self.has_small_picture);
-        let mut camera = camera.map_err(Event::Closed)?;
+        let mut camera = camera.map_err(Trouble::no_camera)?;
         let outcome = self.show(&mut camera);
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
-        self.watcher.forget();
-        camera.close().map_err(Event::Lost)?;
+        // A closed camera impairs nothing.
+        self.watch = Watch::new(HOLD_US);
+        self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
+        camera.close().map_err(Trouble::camera_lost)?;
         outcome
     }
 
@@ -197,13 +210,12 @@ impl HotLoop {
         });
         let source = &mut *camera.source;
         self.account(source);
-        outcome.map_err(Event::Closed)?;
+        outcome.map_err(Trouble::no_camera)?;
         add(&self.counters.opened, 1);
         self.counters.has_smaller_mode.store(source.has_smaller_mode(), Relaxed);
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
-        self.watcher.stated_us = source.frame_period_us();
         self.pipeline.iter_mut().for_each(Pipeline::forget_face);
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
@@ -224,12 +236,13 @@ impl HotLoop {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {
                     add(&self.counters.damaged, 1);
-                    camera.check().map_err(|error| Event::Lost(error).into())
+                    camera.check().map_err(Trouble::camera_lost)
                 }
-                Err(error) => Err(Event::Lost(error).into()),
+                Err(error) => Err(Trouble::camera_lost(error)),
             };
             self.account(&mut *camera.source);
-            self.watcher.count(&mut *camera.source);
+            self.watch.deliveries(&mut *camera.source);
+            self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
             outcome?;
         }
         Ok(())
@@ -246,7 +259,7 @@ impl HotLoop {
 
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
         let begun_us = self.enter(Phase::Work);
-        let Self { pipeline: Some(pipeline), counters, outlets, timing, watcher, .. } = self else { return Ok(()) };
+        let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, .. } = self else { return Ok(()) };
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
         add(&counters.frames, 1);
@@ -260,11 +273,11 @@ impl HotLoop {
             Err(_) => &counters.rejected,
         };
         add(counter, 1);
-        outlets.report(News::of(processed.pose(), frame.captured_us));
+        outlets.report(processed.pose().map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
-        watcher.look(frame, processed.face.map(|face| face.landmarks));
-        outlets.observer.publish(|| processed.observe(watcher.watch.present().is_dark()));
+        watch.frame(frame, processed.face.map(|face| face.landmarks));
+        outlets.observer.publish(|| processed.observe(watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
         let Err(Rejected::Infer(error)) = processed.solved else {
             self.engine.ran();
@@ -395,7 +408,7 @@ mod tests {
 
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
-        let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&News::Nothing), mpsc::channel());
+        let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
         let (observer, recorder) = (observer::channel(observer::OBSERVED).0, observer::channel(observer::RECORDED).0);
         let outlets = Outlets { news, wake: thread::current(), events, observer, recorder };
         let solver = load_solver(&settings).unwrap();
@@ -430,10 +443,10 @@ mod tests {
     fn a_camera_that_cannot_be_stopped_ends_the_service_and_one_that_is_gone_does_not() {
         let not_stopped =
             || CaptureError::NotStopped { path: "/dev/video0".to_owned(), source: io::Error::other("stuck") };
-        for event in [Event::Lost(not_stopped()), Event::Closed(not_stopped())] {
-            assert!(matches!(Trouble::from(event), Trouble::Fatal(error) if error.reason() == Reason::NoCamera));
+        for trouble in [Trouble::camera_lost(not_stopped()), Trouble::no_camera(not_stopped())] {
+            assert!(matches!(trouble, Trouble::Fatal(ServiceError::Camera(_))));
         }
-        assert!(matches!(Trouble::from(Event::Lost(CaptureError::Gone)), Trouble::Retry(_)));
+        assert!(matches!(Trouble::camera_lost(CaptureError::Gone), Trouble::Retry(Reason::NoCamera, _)));
     }
 
     /// Inferences that the engine of a test may still run, and the number of CPUs of the thread that loaded it last.

@@ -37,7 +37,6 @@ pub use timing::Histogram;
 
 use self::control::{Control, Parts};
 use self::counters::Counters;
-use self::failsafe::News;
 use self::hot::{Event, HotLoop, Outlets};
 use self::loader::Loader;
 use self::realtime::Scheduling;
@@ -75,12 +74,6 @@ pub enum ServiceError {
     Panicked(&'static str),
 }
 
-impl ServiceError {
-    fn reason(&self) -> Reason {
-        if matches!(self, Self::Camera(_)) { Reason::NoCamera } else { Reason::BadResult }
-    }
-}
-
 /// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP reads the settings again, and
 /// SIGUSR1 writes the status line. Returns the last status line.
 pub fn run(
@@ -99,7 +92,7 @@ pub fn run(
         Ok(Err(error)) => return Err(error.into()),
         Err(_) => return Err(ServiceError::Panicked("loader")),
     };
-    let (newest, news) = triple_buffer::triple_buffer(&News::Nothing);
+    let (newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
     let (events, heard) = mpsc::channel();
     counters.heartbeats.hot(Phase::Open, monotonic_us());
     counters.heartbeats.sender(monotonic_us());

@@ -9,7 +9,7 @@ use std::sync::{Arc, mpsc};
 use std::thread::{self, Builder};
 use std::time::{Duration, Instant};
 
-use facewire_packet::State;
+use facewire_packet::{Reason, State};
 use triple_buffer::Output as Newest;
 
 use super::counters::Counters;
@@ -82,7 +82,8 @@ impl Sender {
 
     fn step(&mut self, history: &mut History) -> u64 {
         let failsafe = self.failsafe();
-        let news = if self.news.update() { self.news.peek_output_buffer() } else { &News::Nothing };
+        let is_new = self.news.update();
+        let news = is_new.then(|| self.news.peek_output_buffer());
         let output = failsafe.update(history, monotonic_us(), news);
         let wait_us = self.offer(&output).min(failsafe.wait_us(history));
         if output.followed {
@@ -193,7 +194,7 @@ pub fn replay<E: From<ServiceError>>(
     let counters = Arc::new(Counters::default());
     counters.catch_signals().map_err(ServiceError::from)?;
     let links = Links::change(&settings.links, &[], &counters.traffic).map_err(ServiceError::from)?;
-    let (mut newest, news) = triple_buffer::triple_buffer(&News::Nothing);
+    let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
     let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
     let (settings, changes) = (SenderSettings { failsafe, rate_hz, links }, mpsc::channel().1);
     let sender = Sender { settings, changes, news, counters: Arc::clone(&counters) };
@@ -204,7 +205,7 @@ pub fn replay<E: From<ServiceError>>(
         match next() {
             Ok(Some(frame)) if clock.wait_for(frame.time_us, &counters) => {
                 timing.captured(frame.time_us);
-                newest.write(News::of(frame.pose, monotonic_us()));
+                newest.write(frame.pose.map(|pose| (pose, monotonic_us())));
                 sender.thread().unpark();
             }
             Ok(_) => break Ok(()),
@@ -256,7 +257,7 @@ impl Clock {
 mod tests {
     use std::net::UdpSocket;
 
-    use facewire_packet::{Packet, Reason};
+    use facewire_packet::Packet;
 
     use super::*;
     use crate::config;

@@ -175,23 +175,15 @@ impl Log {
                 self.camera = Some(camera);
                 self.blind_reasons.clear();
             }
-            Event::Lost(error) => {
-                tracing::warn!("camera lost: {error}");
-                self.blind_reasons.is_new(&error.to_string());
-                self.blind("no camera", error.to_string());
+            Event::Blind(what, reason) => {
+                if self.blind_reasons.is_new(&reason) {
+                    tracing::warn!("{what}: {reason}; trying again");
+                }
+                (self.camera, self.blind_because) = (None, reason);
             }
-            Event::Closed(error) => self.blind("no camera", error.to_string()),
-            Event::NotLoaded(error) => self.blind("no model", error.to_string()),
             Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
             Event::EngineReloaded => tracing::info!("networks loaded again"),
         }
-    }
-
-    fn blind(&mut self, what: &str, reason: String) {
-        if self.blind_reasons.is_new(&reason) {
-            tracing::warn!("{what}: {reason}; trying again");
-        }
-        (self.camera, self.blind_because) = (None, reason);
     }
 
     fn camera_line(&self) -> String {

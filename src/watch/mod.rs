@@ -1,7 +1,7 @@
 //! Decides from looks at the picture, and from what the camera delivers, what makes tracking poor. The service watches
 //! while it runs, and `facewire check` for three seconds.
 //!
-//! Contract: [`Watch`] is pure: time is a number, and it neither allocates nor reads a clock. The thresholds of the
+//! Contract: [`Watch`] does not allocate. The thresholds of the
 //! picture are where the coefficients become poor ("What makes tracking poor" in docs/service.md has the figures).
 //! Limits: noise that a camera smooths away is not seen. Motion blur is not measured.
 
@@ -9,7 +9,9 @@ mod look;
 
 pub use look::{FaceLook, Light, Look};
 
-use crate::capture::Delivery;
+use facewire_face::Landmarks;
+
+use crate::capture::{Delivery, Frame, Source, monotonic_us};
 use crate::impairment::{Impairment, ImpairmentSet};
 
 /// A pair of thresholds: where an impairment begins, and where it ends.
@@ -39,6 +41,8 @@ const RATE: Thresholds = [0.6, 0.75];
 const LOST: Thresholds = [0.05, 0.02];
 /// Number of impairments that are seen in the picture. The others are seen in what the camera delivers.
 const OF_PICTURE: usize = 5;
+/// Time from one look at the picture to the next, microseconds.
+const LOOK_US: u64 = 250_000;
 /// Longest time that one look stands for, microseconds. Looks at the clip come every 0.3 s, those at a slow camera and
 /// at what it delivers every 1.5 s.
 const MAX_STEP_US: u64 = 2_000_000;
@@ -96,6 +100,7 @@ impl Steady {
 #[derive(Debug)]
 pub struct Watch {
     hold_us: u64,
+    last_look_us: u64,
     steady: [Steady; Self::FINDS.len()],
     present: ImpairmentSet,
 }
@@ -113,11 +118,31 @@ impl Watch {
 
     /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
     pub fn new(hold_us: u64) -> Self {
-        Self { hold_us, steady: Default::default(), present: ImpairmentSet::default() }
+        Self { hold_us, last_look_us: 0, steady: Default::default(), present: ImpairmentSet::default() }
     }
 
     pub fn present(&self) -> ImpairmentSet {
         self.present
+    }
+
+    /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
+    pub fn frame(&mut self, frame: &Frame, face: Option<&Landmarks>) -> Option<Look> {
+        let picture = frame.picture()?;
+        // The timestamps of some drivers step back.
+        if frame.captured_us.abs_diff(self.last_look_us) < LOOK_US {
+            return None;
+        }
+        self.last_look_us = frame.captured_us;
+        let look = Look::at(picture, face);
+        self.look(&look, frame.captured_us);
+        Some(look)
+    }
+
+    /// Judges what the camera has delivered, whenever it tells. Returns what it told.
+    pub fn deliveries(&mut self, camera: &mut dyn Source) -> Option<Delivery> {
+        let delivery = camera.take_delivery()?;
+        self.delivery(&delivery, camera.frame_period_us(), monotonic_us());
+        Some(delivery)
     }
 
     /// Judges a look at the picture at the time `now_us`.
@@ -143,7 +168,7 @@ impl Watch {
     }
 
     /// Judges what the camera has delivered up to `now_us`. The camera states a frame period of `stated_us` microseconds.
-    pub fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
+    fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
         let rate = stated_us.map(|stated_us| delivery.fps() * stated_us as f32 / 1e6);
         let rate = rate.map_or(Verdict::Unknown, |rate| Verdict::of_great(rate, RATE));
         self.judge(OF_PICTURE, [rate, Verdict::of_small(delivery.lost_share(), LOST)], now_us);
@@ -168,7 +193,10 @@ fn unclear(face: FaceLook) -> Verdict {
 
 #[cfg(test)]
 mod tests {
+    use facewire_face::{Picture, Pixels};
+
     use super::*;
+    use crate::capture::Content;
 
     const HOLD_US: u64 = 3_000_000;
 
@@ -229,6 +257,17 @@ mod tests {
         let told = |brightness, contrast, noise| told(None, Light { brightness, contrast, noise });
         assert_eq!([told(2.0, 0.0, 0.5), told(15.0, 8.0, 2.0), told(60.0, 10.0, 20.0)], ["black", "dark", "dark"]);
         assert_eq!([told(128.0, 0.0, 0.5), told(60.0, 10.0, 3.0)], ["none"; 2], "a wall, and good light");
+    }
+
+    #[test]
+    fn a_camera_whose_timestamps_step_back_is_watched_all_the_same() {
+        let mut watch = Watch::new(HOLD_US);
+        let content =
+            Content::Picture(Picture::new(64, 64, Pixels::Grey { data: &[0; 64 * 64], stride: 64 }, true).unwrap());
+        for captured_us in [3_600_000_000].into_iter().chain((0..16).map(|look| 5_000_000 + look * LOOK_US)) {
+            watch.frame(&Frame { content, captured_us, number: 0 }, None);
+        }
+        assert_eq!(watch.present().to_string(), "black");
     }
 
     #[test]

@@ -44,18 +44,18 @@ impl Run {
         run
     }
 
-    fn news(&mut self, news: News) -> Output {
-        self.failsafe.update(&mut self.history, self.now_us, &news)
+    fn news(&mut self, news: impl Into<Option<News>>) -> Output {
+        self.failsafe.update(&mut self.history, self.now_us, news.into().as_ref())
     }
 
     fn pose_after(&mut self, us: u64, pose: &Pose) -> Output {
         self.now_us += us;
-        self.news(News::Pose(*pose, self.now_us))
+        self.news(Ok((*pose, self.now_us)))
     }
 
     fn wait(&mut self, us: u64) -> Output {
         self.now_us += us;
-        self.news(News::Nothing)
+        self.news(None)
     }
 
     fn watch(&mut self, ms: u64) -> Vec<Output> {
@@ -87,7 +87,7 @@ fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms_after_
     ] {
         let mut run = Run::live(&all(1.0));
         run.now_us += FRAME_US;
-        run.news(News::Pose(all(1.0), run.now_us - late_ms * MS));
+        run.news(Ok((all(1.0), run.now_us - late_ms * MS)));
         run.failsafe = Failsafe::new(&settings, frame_period_us);
         let outputs = run.watch(1500);
         let [hold, decay, neutral] = want_ms;
@@ -135,7 +135,7 @@ fn recovery_takes_three_poses_and_100_ms() {
         assert_eq!(states.position(|state| state == State::Live), Some(first_live - 1), "every {period_ms} ms");
     }
     // It starts over after a fault or a gap.
-    for (interrupt, gap_ms) in [(News::Fault(Reason::NoFace), 0), (News::Nothing, 160)] {
+    for (interrupt, gap_ms) in [(Some(Err(Reason::NoFace)), 0), (None, 160)] {
         let mut run = Run::live(&all(0.0));
         run.wait(2000 * MS);
         assert!((0..2).all(|_| run.pose_after(60 * MS, &all(1.0)).state == State::Neutral));
@@ -160,13 +160,13 @@ fn recovery_ramps_from_the_current_output_and_then_follows_exactly() {
 fn every_fault_is_sent_with_its_reason_until_a_pose_is_followed() {
     for reason in [Reason::NoFace, Reason::NoCamera, Reason::Late, Reason::BadResult] {
         let mut run = Run::live(&all(1.0));
-        assert_eq!(run.news(News::Fault(reason)).reason, Reason::None, "still live");
+        assert_eq!(run.news(Err(reason)).reason, Reason::None, "still live");
         assert_eq!([160, 200, 900].map(|ms| run.wait(ms * MS).reason), [reason; 3]);
         assert_eq!(run.pose_after(50 * MS, &all(1.0)).reason, reason, "one pose does not end it");
     }
     let silent = Run::live(&all(1.0)).wait(160 * MS);
     assert_eq!((silent.reason, silent.age_us), (Reason::Late, 160 * MS), "silence");
-    let first = Run::new().news(News::Nothing);
+    let first = Run::new().news(None);
     assert_eq!((first.state, first.reason, first.age_us), (State::Neutral, Reason::NoCamera, u64::MAX));
 }
 
@@ -191,13 +191,13 @@ fn a_pose_that_is_late_repeated_or_from_the_future_keeps_no_face_live_for_longer
     let capture_us = run.now_us;
     for _ in 1..=150 {
         run.now_us += MS;
-        assert!(!run.news(News::Pose(all(1.0), capture_us)).followed);
+        assert!(!run.news(Ok((all(1.0), capture_us))).followed);
     }
     run.now_us += 50 * MS;
-    let late = run.news(News::Pose(all(0.0), run.now_us - 180 * MS));
+    let late = run.news(Ok((all(0.0), run.now_us - 180 * MS)));
     assert_eq!((late.state, late.reason, late.pose), (State::Hold, Reason::Late, all(1.0)));
     let mut run = Run::live(&all(1.0));
-    run.news(News::Pose(all(1.0), run.now_us + 60_000_000));
+    run.news(Ok((all(1.0), run.now_us + 60_000_000)));
     assert_eq!(run.wait(160 * MS).state, State::Hold);
 }
 
@@ -205,9 +205,9 @@ fn a_pose_that_is_late_repeated_or_from_the_future_keeps_no_face_live_for_longer
 fn a_clock_that_stands_still_or_steps_back_only_delays() {
     let mut run = Run::live(&all(1.0));
     run.wait(100 * MS);
-    assert!((0..1000).all(|_| run.news(News::Nothing).state == State::Live));
+    assert!((0..1000).all(|_| run.news(None).state == State::Live));
     run.now_us -= 3_000_000;
-    assert_eq!(run.news(News::Nothing).state, State::Live);
+    assert_eq!(run.news(None).state, State::Live);
     assert_eq!(run.wait(50 * MS).state, State::Hold);
     assert_eq!(run.pose_after(FRAME_US, &all(1.0)).state, State::Live);
 }
@@ -219,7 +219,7 @@ fn packets_come_at_least_10_times_per_second_whatever_the_settings_and_the_camer
     for (settings, frame_period_us) in [(patient, FRAME_US), (SETTINGS, 1_000_000)] {
         let mut run = Run::live(&all(1.0));
         run.failsafe = Failsafe::new(&settings, frame_period_us);
-        let (mut sent, mut silent_us, mut output) = (None::<Sent>, 0, run.news(News::Nothing));
+        let (mut sent, mut silent_us, mut output) = (None::<Sent>, 0, run.news(None));
         for _ in 0..1000 {
             let wait_us = pace.wait_us(sent.as_ref(), run.now_us, &output).min(run.failsafe.wait_us(&run.history));
             output = run.wait(wait_us);

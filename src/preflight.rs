@@ -39,19 +39,18 @@ pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
 
-pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
-    match WearerName::new(&settings.name) {
-        Some(name) => Ok(Store::new(&settings.folder).load(&name)?.profile),
-        None => Ok(Profile::default()),
-    }
+/// Returns the wearer's profile, and the [`model_warning`] of it.
+pub fn load_profile(wearer: &WearerSettings, solver: &SolverSettings) -> Result<(Profile, Option<String>), StoreError> {
+    let Some(name) = WearerName::new(&wearer.name) else { return Ok((Profile::default(), None)) };
+    let file = Store::new(&wearer.folder).load(&name)?;
+    let warning = model_warning(&name, file.model, solver);
+    Ok((file.profile, warning))
 }
 
-/// Says that the wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may
+/// Says that a wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may
 /// then not fit.
-pub fn model_warning(wearer: &WearerSettings, solver: &SolverSettings) -> Option<String> {
-    let name = WearerName::new(&wearer.name)?;
-    let made_with = Store::new(&wearer.folder).load(&name).ok()?.model?;
-    (made_with != model_hash(&load_model(solver).ok()?)).then(|| {
+pub fn model_warning(name: &WearerName, made_with: Option<u32>, solver: &SolverSettings) -> Option<String> {
+    (made_with? != model_hash(&load_model(solver).ok()?)).then(|| {
         format!(
             "the profile of {name} was made with another blendshape model, and may not fit this one: run `facewire \
              calibrate --wearer {name}`"

@@ -105,7 +105,7 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
         return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
-    let warning = model_warning(&settings.wearer, &settings.solver).map(|warning| format!("; {warning}"));
+    let warning = model_warning(&name, file.model, &settings.solver).map(|warning| format!("; {warning}"));
     let (takes, all, folder) = (file.takes.len(), Take::ALL.len(), store.folder().display());
     Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{}", warning.unwrap_or_default()))
 }

@@ -24,17 +24,17 @@ use facewire_packet::Reason;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use self::client::{Client, Reply, Request, Speaks, socket_path};
+use self::client::{Client, Reply, Request, Speaks};
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::metrics;
 use super::observer::Observed;
-use super::reload::{InUse, Mailbox};
+use super::reload::Mailbox;
 use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_hash};
 use crate::capture::monotonic_us;
 use crate::config::{Listen, Settings, WearerSettings};
 use crate::listener::Listener;
-use crate::preflight::{is_same_profile, load_model, load_profile, model_warning};
+use crate::preflight::{is_same_profile, load_model, load_profile};
 use crate::recording::Recorded;
 use facewire_face::Profile;
 
@@ -70,24 +70,8 @@ pub(super) struct Control {
     thread: JoinHandle<()>,
 }
 
-pub(super) struct Parts {
-    pub(super) settings: Settings,
-    pub(super) changes: mpsc::Receiver<Settings>,
-    pub(super) in_use: InUse,
-    pub(super) observed: Observed<Observation>,
-    pub(super) recorded: Observed<Recorded>,
-    pub(super) hot: Arc<Mailbox<HotChange>>,
-    pub(super) counters: Arc<Counters>,
-}
-
 impl Control {
-    /// Starts the thread. Without a runtime directory there is no control socket.
-    pub(super) fn start(parts: Parts) -> io::Result<Self> {
-        let path = socket_path();
-        if path.is_none() {
-            tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
-        }
-        let (server, stop) = Server::new(path, parts)?;
+    pub(super) fn start((server, stop): (Server, PipeWriter)) -> io::Result<Self> {
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
         Ok(Self { stop: Some(stop), thread: builder.spawn(move || server.run())? })
     }
@@ -108,13 +92,13 @@ struct Door {
     listen: Listen,
     speaks: Speaks,
     listener: Option<Listener>,
+    /// Until when the door is left alone, since listening or accepting a client failed last.
     rests_until: Option<Instant>,
-    is_told: bool,
 }
 
 impl Door {
     fn new(listen: Listen, speaks: Speaks) -> Self {
-        Self { listen, speaks, listener: None, rests_until: None, is_told: false }
+        Self { listen, speaks, listener: None, rests_until: None }
     }
 
     fn rests(&self) -> bool {
@@ -148,7 +132,7 @@ impl Door {
                 self.listener = Some(listener);
             }
             Err(error) => {
-                if !std::mem::replace(&mut self.is_told, true) {
+                if self.rests_until.is_none() {
                     tracing::warn!("no {what} at {} ({error}): {remedy}; trying again every second", self.listen);
                 }
                 self.rests_until = Some(Instant::now() + RETRY_DELAY);
@@ -157,9 +141,14 @@ impl Door {
     }
 }
 
-struct Server {
+pub(super) struct Server {
     doors: [Door; 2],
-    parts: Parts,
+    settings: Settings,
+    changes: mpsc::Receiver<Settings>,
+    observed: Observed<Observation>,
+    recorded: Observed<Recorded>,
+    hot: Arc<Mailbox<HotChange>>,
+    counters: Arc<Counters>,
     stop_signal: PipeReader,
     clients: Vec<Client>,
     calibrating: Option<Calibrating>,
@@ -167,12 +156,35 @@ struct Server {
 }
 
 impl Server {
-    /// Also returns the end of the pipe that is closed to stop the thread.
-    fn new(path: Option<PathBuf>, parts: Parts) -> io::Result<(Self, PipeWriter)> {
+    /// Without a path there is no control socket. Also returns the end of the pipe that is closed to stop the thread.
+    pub(super) fn new(
+        path: Option<PathBuf>,
+        settings: Settings,
+        changes: mpsc::Receiver<Settings>,
+        (observed, recorded): (Observed<Observation>, Observed<Recorded>),
+        hot: Arc<Mailbox<HotChange>>,
+        counters: Arc<Counters>,
+    ) -> io::Result<(Self, PipeWriter)> {
+        if path.is_none() {
+            tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
+        }
         let (stop_signal, stop) = pipe()?;
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
-        let doors = [control, Door::new(parts.settings.metrics.listen.clone(), Speaks::Http)];
-        let server = Self { doors, parts, stop_signal, clients: Vec::new(), calibrating: None, recording: None };
+        let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
+        let (clients, calibrating, recording) = (Vec::new(), None, None);
+        let server = Self {
+            doors,
+            settings,
+            changes,
+            observed,
+            recorded,
+            hot,
+            counters,
+            stop_signal,
+            clients,
+            calibrating,
+            recording,
+        };
         Ok((server, stop))
     }
 
@@ -183,8 +195,8 @@ impl Server {
             self.calibrate();
             self.record();
         }
-        self.parts.observed.ask(false);
-        self.parts.recorded.ask(false);
+        self.observed.ask(false);
+        self.recorded.ask(false);
     }
 
     fn wait(&mut self) -> bool {
@@ -223,17 +235,17 @@ impl Server {
     }
 
     fn adopt(&mut self) {
-        while let Ok(settings) = self.parts.changes.try_recv() {
-            if !is_same_profile(&settings.wearer, &self.parts.settings.wearer) {
-                self.parts.in_use.set(WearerName::new(&settings.wearer.name));
+        while let Ok(settings) = self.changes.try_recv() {
+            if !is_same_profile(&settings.wearer, &self.settings.wearer) {
+                self.counters.set_wearer(WearerName::new(&settings.wearer.name));
             }
             let [_, door] = &mut self.doors;
             if door.listen != settings.metrics.listen {
                 *door = Door::new(settings.metrics.listen.clone(), Speaks::Http);
             }
-            self.parts.settings = settings;
+            self.settings = settings;
             if let Some(calibrating) = &self.calibrating
-                && let Ok(model) = load_model(&self.parts.settings.solver)
+                && let Ok(model) = load_model(&self.settings.solver)
                 && model_hash(&model) != calibrating.guide.model_hash
             {
                 // A profile of takes that two models have read would fit neither.
@@ -255,7 +267,7 @@ impl Server {
             }
             let Ok(has_ended) = client.receive() else { continue };
             match client.speaks {
-                Speaks::Http => match metrics::answer(&client.input, has_ended, &self.parts.counters) {
+                Speaks::Http => match metrics::answer(&client.input, has_ended, &self.counters) {
                     Some(page) => self.send(client, |client| client.send_bytes(page.as_bytes())),
                     None => self.clients.push(client),
                 },
@@ -280,7 +292,7 @@ impl Server {
             Request::Calibrate { wearer } => match self.prepare(wearer.as_deref()) {
                 Ok((name, guide)) => {
                     tracing::info!("calibration of wearer {name} begins");
-                    self.parts.observed.ask(true);
+                    self.observed.ask(true);
                     self.calibrating = Some(Calibrating::new(client, name, guide, monotonic_us()));
                     return;
                 }
@@ -288,7 +300,7 @@ impl Server {
             },
             Request::Record {} if self.recording.is_none() => {
                 tracing::info!("recording begins");
-                self.parts.recorded.ask(true);
+                self.recorded.ask(true);
                 self.recording = Some(Recording::new(client, monotonic_us()));
                 return;
             }
@@ -306,28 +318,28 @@ impl Server {
     }
 
     fn store(&self) -> Store {
-        Store::new(&self.parts.settings.wearer.folder)
+        Store::new(&self.settings.wearer.folder)
     }
 
     fn delete(&mut self, name: &str) -> Outcome<Reply> {
         let name = named(name)?;
         self.store().delete(&name)?;
-        if self.parts.in_use.get().as_ref() == Some(&name) {
+        if self.counters.wearer().as_ref() == Some(&name) {
             self.hand_over(Profile::default(), None);
         }
         Ok(Reply::Done(format!("the profile of {name} is deleted")))
     }
 
     fn list(&self) -> Outcome<Reply> {
-        let (store, in_use) = (self.store(), self.parts.in_use.get().map(|name| name.to_string()));
+        let (store, in_use) = (self.store(), self.counters.wearer().map(|name| name.to_string()));
         Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
     }
 
     fn set_wearer(&mut self, name: &str) -> Outcome<Reply> {
         let name = named(name)?;
-        let settings = &self.parts.settings;
+        let settings = &self.settings;
         let wearer = WearerSettings { name: name.to_string(), ..settings.wearer.clone() };
-        let (profile, warning) = (load_profile(&wearer)?, model_warning(&wearer, &settings.solver));
+        let (profile, warning) = load_profile(&wearer, &settings.solver)?;
         let warning = warning.map_or_else(String::new, |warning| format!(". {warning}"));
         self.hand_over(profile, Some(name.clone()));
         Ok(Reply::Done(format!(
@@ -337,27 +349,26 @@ impl Server {
 
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
-        self.parts.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
-        self.parts.in_use.set(name);
+        self.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
+        self.counters.set_wearer(name);
     }
 
     /// Loads what a calibration of this wearer, or else of the one in use, needs.
     fn prepare(&self, wearer: Option<&str>) -> Outcome<(WearerName, Guide)> {
-        let in_use = self.parts.in_use.get();
+        let in_use = self.counters.wearer();
         let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
         if self.calibrating.is_some() {
             return Err("another calibration is in progress: try again when it has ended".into());
         }
-        Ok((name, Guide::new(load_model(&self.parts.settings.solver)?)))
+        Ok((name, Guide::new(load_model(&self.settings.solver)?)))
     }
 
     fn calibrate(&mut self) {
         let Some(calibrating) = &mut self.calibrating else { return };
-        let silent_us = SILENT_US.max(SILENT_FRAMES * self.parts.counters.frame_period_us.load(Relaxed));
-        let mut next = self.parts.observed.take();
+        let silent_us = SILENT_US.max(SILENT_FRAMES * self.counters.frame_period_us.load(Relaxed));
         let told = loop {
+            let next = self.observed.take();
             let told = calibrating.step(next.as_ref(), silent_us, monotonic_us());
-            next = self.parts.observed.take();
             if next.is_none() || told.is_err() || calibrating.guide.outcome().is_some() {
                 break told;
             }
@@ -365,7 +376,7 @@ impl Server {
         let Some(outcome) = calibrating.guide.outcome() else {
             if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
                 tracing::info!("calibration of wearer {} cancelled", calibrating.name);
-                self.parts.observed.ask(false);
+                self.observed.ask(false);
                 self.calibrating = None;
             }
             return;
@@ -383,7 +394,7 @@ impl Server {
     }
 
     fn end(&mut self, reply: Reply) {
-        self.parts.observed.ask(false);
+        self.observed.ask(false);
         let Some(Calibrating { client, name, .. }) = self.calibrating.take() else { return };
         if let Reply::Refused(reason) = &reply {
             tracing::warn!("calibration of wearer {name}: {reason}");
@@ -393,11 +404,11 @@ impl Server {
 
     fn record(&mut self) {
         let Some(recording) = &mut self.recording else { return };
-        let is_camera_open = self.parts.counters.camera_open.load(Relaxed);
-        let sent = recording.step(&mut self.parts.recorded, is_camera_open, monotonic_us());
+        let is_camera_open = self.counters.camera_open.load(Relaxed);
+        let sent = recording.step(&mut self.recorded, is_camera_open, monotonic_us());
         if sent.is_err() || recording.client.has_gone(STREAM_PATIENCE) {
             tracing::info!("recording ended, {} frames lost", recording.lost);
-            self.parts.recorded.ask(false);
+            self.recorded.ask(false);
             self.recording = None;
         }
     }

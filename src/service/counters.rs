@@ -1,9 +1,9 @@
-//! The counters that all threads share, without a lock and in fixed memory. [`Counters::rows`] is the one table from
+//! The counters that all threads share, in fixed memory, and without a lock in those that process and send frames. [`Counters::rows`] is the one table from
 //! which the status line and the metrics page are made.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use facewire_packet::{NeutralFace, State};
@@ -13,6 +13,7 @@ use signal_hook::flag;
 use super::adaptation::{Cause, Step};
 use super::timing::{Load, Times, micros, quantiles};
 use super::watchdog::Heartbeats;
+use crate::calibration::WearerName;
 use crate::impairment::{Impairment, Impairments};
 use crate::link::Traffic;
 
@@ -77,6 +78,9 @@ pub(super) struct Counters {
     neutral_share: AtomicU32,
     neutral_forgotten: AtomicU64,
     pub(super) times: Times,
+    /// The wearer whose profile is in use, who need not be the one that the settings name. Only the threads of control and
+    /// reloads lock it.
+    wearer: Mutex<Option<WearerName>>,
 }
 
 pub(super) struct Row {
@@ -142,6 +146,14 @@ impl Counters {
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
+    }
+
+    pub(super) fn wearer(&self) -> Option<WearerName> {
+        self.wearer.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(super) fn set_wearer(&self, name: Option<WearerName>) {
+        *self.wearer.lock().unwrap_or_else(PoisonError::into_inner) = name;
     }
 
     /// Sets the first link that the network refuses, by its index, and the system's error number.

@@ -35,12 +35,13 @@ pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
-use self::control::{Control, Parts};
+use self::control::client::socket_path;
+use self::control::{Control, Server};
 use self::counters::Counters;
 use self::hot::{Event, HotLoop, Outlets};
 use self::loader::Loader;
 use self::realtime::Scheduling;
-use self::reload::{InUse, LoadSettings, Mailbox, Reloader};
+use self::reload::{LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender, SenderSettings};
 use self::supervisor::Supervisor;
 use self::watchdog::Phase;
@@ -49,7 +50,7 @@ use crate::capture::{CaptureError, monotonic_us};
 use crate::config::{LogLevel, Settings};
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
-use crate::preflight::{SetupError, load_profile, model_warning};
+use crate::preflight::{SetupError, load_profile};
 use facewire_face::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
@@ -106,8 +107,7 @@ pub fn run(
         (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
-    let in_use = InUse::default();
-    let profile = profile_of(&settings, &in_use);
+    let profile = profile_of(&settings, &counters);
     let (live, shared) = (settings.clone(), Arc::clone(&counters));
     let for_hot = loader.clone();
     let run_hot = |changes| HotLoop::new(live, pipeline, profile, outlets, changes, shared, for_hot).run();
@@ -115,16 +115,9 @@ pub fn run(
     let hot_mailbox = Arc::new(hot_mailbox);
 
     let (control_changes, changes) = mpsc::channel();
-    let parts = Parts {
-        settings: settings.clone(),
-        changes,
-        in_use: in_use.clone(),
-        observed,
-        recorded,
-        hot: Arc::clone(&hot_mailbox),
-        counters: Arc::clone(&counters),
-    };
-    let control = Control::start(parts);
+    let (rings, hot_changes, shared) = ((observed, recorded), Arc::clone(&hot_mailbox), Arc::clone(&counters));
+    let server = Server::new(socket_path(), settings.clone(), changes, rings, hot_changes, shared);
+    let control = server.and_then(Control::start);
     // The face is sent without it, too.
     if let Err(error) = &control {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
@@ -136,9 +129,8 @@ pub fn run(
         hot: hot_mailbox,
         sender: sender_mailbox,
         control: control_changes,
-        traffic: Arc::clone(&counters.traffic),
+        counters: Arc::clone(&counters),
         loader,
-        in_use,
         preparing: None,
     };
     let mut supervisor = Supervisor::new(Arc::clone(&counters), heard, reloader);
@@ -151,12 +143,12 @@ pub fn run(
 }
 
 /// The profile of the wearer that the settings name, who is then in use. The service runs without it if it does not load.
-fn profile_of(settings: &Settings, in_use: &InUse) -> Profile {
+fn profile_of(settings: &Settings, counters: &Counters) -> Profile {
     let name = &settings.wearer.name;
-    match load_profile(&settings.wearer) {
-        Ok(profile) => {
-            model_warning(&settings.wearer, &settings.solver).inspect(|warning| tracing::warn!("{warning}"));
-            in_use.set(WearerName::new(name));
+    match load_profile(&settings.wearer, &settings.solver) {
+        Ok((profile, warning)) => {
+            warning.inspect(|warning| tracing::warn!("{warning}"));
+            counters.set_wearer(WearerName::new(name));
             profile
         }
         Err(error) => {

@@ -5,33 +5,18 @@
 
 use std::error::Error;
 use std::sync::mpsc::{Receiver, TryRecvError};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::sync::{Arc, mpsc};
 use std::thread::Thread;
 
+use super::counters::Counters;
 use super::hot::HotChange;
 use super::loader::Loader;
 use super::sender::{Links, SenderSettings};
-use crate::calibration::WearerName;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::link::Traffic;
-use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker, model_warning};
+use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;
-
-/// The wearer whose profile is in use, which need not be the one that the settings name.
-#[derive(Debug, Clone, Default)]
-pub(super) struct InUse(Arc<Mutex<Option<WearerName>>>);
-
-impl InUse {
-    pub(super) fn get(&self) -> Option<WearerName> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    pub(super) fn set(&self, name: Option<WearerName>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = name;
-    }
-}
 
 pub(super) struct Change {
     settings: Settings,
@@ -43,12 +28,7 @@ pub(super) struct Change {
 impl Change {
     /// Builds the parts that differ from the current ones. The files of the model and of the wearer in use are read again
     /// even if their names stay, because they may have changed; the hot loop compares them.
-    fn prepare(
-        load_settings: &LoadSettings,
-        live: &Settings,
-        traffic: &Arc<Traffic>,
-        in_use: Option<&WearerName>,
-    ) -> Outcome<Self> {
+    fn prepare(load_settings: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
         let new = load_settings()?;
         let is_same_model = new.solver.model == live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
@@ -56,16 +36,15 @@ impl Change {
         let model = replaced(keeps_model, is_same_model, "model", || load_model(&new.solver))?;
         let (is_same_wearer, mut wearer) = (is_same_profile(&new.wearer, &live.wearer), new.wearer.clone());
         if is_same_wearer {
-            wearer.name = in_use.map_or_else(String::new, WearerName::to_string);
+            wearer.name = counters.wearer().map_or_else(String::new, |name| name.to_string());
         }
         let keeps_profile = is_same_wearer && wearer.name.is_empty();
-        let profile = replaced(keeps_profile, is_same_wearer, "profile", || load_profile(&wearer))?;
-        let is_new_pair = model.is_some() || profile.is_some();
-        let warning = is_new_pair.then(|| model_warning(&wearer, &new.solver)).flatten();
+        let load_profile = || load_profile(&wearer, &new.solver);
+        let (profile, warning) = replaced(keeps_profile, is_same_wearer, "profile", load_profile)?.unzip();
         let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
-        let links = Links::change(&new.links, &live.links, traffic)?;
+        let links = Links::change(&new.links, &live.links, &counters.traffic)?;
         let sender = SenderSettings { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links };
-        Ok(Self { settings: new, hot, sender, warning })
+        Ok(Self { settings: new, hot, sender, warning: warning.flatten() })
     }
 }
 
@@ -106,19 +85,16 @@ pub(super) struct Reloader {
     pub(super) sender: Mailbox<SenderSettings>,
     /// The control thread takes the settings from here within a second.
     pub(super) control: mpsc::Sender<Settings>,
-    pub(super) traffic: Arc<Traffic>,
+    pub(super) counters: Arc<Counters>,
     pub(super) loader: Loader,
-    pub(super) in_use: InUse,
     pub(super) preparing: Option<Receiver<Outcome<Change>>>,
 }
 
 impl Reloader {
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (load, live, traffic) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.traffic));
-        let in_use = self.in_use.get();
-        let prepare = move || Change::prepare(&load, &live, &traffic, in_use.as_ref());
-        self.preparing = Some(self.loader.begin(prepare));
+        let (load, live, counters) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.counters));
+        self.preparing = Some(self.loader.begin(move || Change::prepare(&load, &live, &counters)));
     }
 
     /// Hands out the prepared change once it is ready. Returns whether it did.
@@ -168,7 +144,7 @@ fn refuse(faults: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Store, test_profile};
+    use crate::calibration::{Store, WearerName, test_profile};
     use crate::config;
 
     fn fixed(toml: &str) -> LoadSettings {
@@ -182,20 +158,10 @@ mod tests {
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
         let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
-        let set_log_level = Box::new(|_| {});
-        let (loader, traffic, in_use) = (Loader::start().unwrap(), Arc::default(), InUse::default());
-        let mut reloader = Reloader {
-            live,
-            load_settings,
-            set_log_level,
-            hot,
-            sender,
-            control,
-            traffic,
-            loader,
-            in_use,
-            preparing: None,
-        };
+        let (set_log_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
+        let (counters, preparing) = (Arc::default(), None);
+        let mut reloader =
+            Reloader { live, load_settings, set_log_level, hot, sender, control, counters, loader, preparing };
         reloader.start();
         while !reloader.step() {
             std::thread::yield_now();
@@ -219,7 +185,9 @@ mod tests {
         let (model, name) = (folder.path().join("model.toml"), WearerName::new("anna").unwrap());
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
-        let prepare = || Change::prepare(&fixed(&toml), &live, &Arc::default(), Some(&name)).unwrap();
+        let counters = Counters::default();
+        counters.set_wearer(Some(name.clone()));
+        let prepare = || Change::prepare(&fixed(&toml), &live, &counters).unwrap();
         let missing = prepare().hot;
         assert!(missing.model.is_none() && missing.profile.is_none(), "what is missing stays as it is");
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/blendshapes.toml");

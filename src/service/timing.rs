@@ -226,13 +226,12 @@ impl FrameTiming {
     }
 
     fn load(&self) -> Option<Load> {
-        let (mut busy, count) = ([Duration::ZERO; FRAMES], self.recent.len());
-        busy.iter_mut().zip(self.recent.iter()).for_each(|(copy, (busy, _))| *copy = *busy);
-        let busy = busy.get_mut(..count).filter(|busy| busy.len() >= LEAST_FRAMES)?;
+        let mut busy: heapless::Vec<_, FRAMES> = self.recent.iter().map(|(busy, _)| *busy).collect();
         busy.sort_unstable();
-        let decoding =
-            self.recent.iter().map(|(_, decoding)| *decoding).sum::<Duration>() / u32::try_from(count).ok()?;
-        let busy = *busy.iter().rev().nth(SLOWER * count / FRAMES)?;
+        let count = Some(busy.len()).filter(|count| *count >= LEAST_FRAMES)?;
+        let decoding: Duration = self.recent.iter().map(|(_, decoding)| *decoding).sum();
+        let (busy, decoding) =
+            (*busy.iter().rev().nth(SLOWER * count / FRAMES)?, decoding / u32::try_from(count).ok()?);
         Some(Load { busy, decoding, camera_period: self.camera_period })
     }
 }

@@ -19,7 +19,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use facewire::cli::{Connection, Failure, SettingsArgs, say};
 use facewire::pipeline::Pipeline;
-use facewire::preflight::{load_profile, model_warning};
+use facewire::preflight::load_profile;
 use facewire::recording::{Recorded, Writer};
 use facewire::service::{OpenCamera, Reply, Request};
 
@@ -128,8 +128,9 @@ fn listen(mut reply: impl FnMut() -> Result<Reply, Failure>, told: &SyncSender<R
 fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let mut pipeline = Pipeline::load(&settings, true)?;
-    pipeline.solver.profile = load_profile(&settings.wearer)?;
-    model_warning(&settings.wearer, &settings.solver).iter().for_each(say);
+    let (profile, warning) = load_profile(&settings.wearer, &settings.solver)?;
+    pipeline.solver.profile = profile;
+    warning.iter().for_each(say);
     say("no service answers: opening the camera");
     let mut camera = OpenCamera::open(&settings.camera)?;
     let begin = format!("recording from {}", camera.source.describe());

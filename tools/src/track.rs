@@ -99,7 +99,8 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(wearer) = &args.wearer {
         wearer.as_str().clone_into(&mut settings.wearer.name);
     }
-    let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
+    let named = || load_profile(&settings.wearer, &settings.solver);
+    let profile = if args.neutral.is_some() { Profile::default() } else { named()?.0 };
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);

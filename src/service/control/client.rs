@@ -64,7 +64,7 @@ pub fn control_sockets() -> Vec<PathBuf> {
 }
 
 /// Where the service listens: in the runtime directory of the service manager, or else of the user.
-pub(super) fn socket_path() -> Option<PathBuf> {
+pub(in crate::service) fn socket_path() -> Option<PathBuf> {
     let of_service = || std::env::var("RUNTIME_DIRECTORY").ok()?.split(':').next().map(PathBuf::from);
     let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join("facewire"));
     let folder = of_service().or_else(of_user).filter(|folder| folder.is_absolute())?;

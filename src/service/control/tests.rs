@@ -33,10 +33,9 @@ impl Rig {
         let ((observer, observed), (recorder, recorded)) =
             (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
         let ((changes, told), (reload, reloads)) = (mpsc::channel(), mpsc::channel());
-        let hot = Arc::new(Mailbox { changes, thread: thread::current() });
-        let (in_use, counters) = (InUse::default(), Arc::default());
-        let parts = Parts { settings, changes: reloads, in_use, observed, recorded, hot, counters };
-        let (server, stop) = Server::new(Some(folder.path().join("run/control")), parts).unwrap();
+        let (hot, path) = (Arc::new(Mailbox { changes, thread: thread::current() }), folder.path().join("run/control"));
+        let rings = (observed, recorded);
+        let (server, stop) = Server::new(Some(path), settings, reloads, rings, hot, Arc::default()).unwrap();
         Self { folder, server, stop, observer, recorder, told, reload }
     }
 
@@ -67,7 +66,7 @@ impl Rig {
     }
 
     fn reload(&mut self, change: impl Fn(&mut Settings)) {
-        let mut settings = self.server.parts.settings.clone();
+        let mut settings = self.server.settings.clone();
         change(&mut settings);
         self.reload.send(settings).unwrap();
         self.server.adopt();

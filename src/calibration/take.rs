@@ -10,89 +10,90 @@ use thiserror::Error;
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 
-/// One thing that the wearer is asked to do, in the order in which the guide asks. Left and right are the wearer's.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Take {
-    Neutral,
-    EyesShut,
-    JawOpen,
-    BrowsUp,
-    BrowsDown,
-    Smile,
-    Pucker,
-    LookLeft,
-    LookRight,
-    LookUp,
-    LookDown,
+/// Declares the takes in the order in which the guide asks for them, with what `Take` says of each.
+macro_rules! takes {
+    ($( $take:ident $name:literal: $instruction:literal, $raises:expr,
+        threshold $threshold:literal, lids $lids:expr, typical $typical:expr; )*) => {
+        /// One thing that the wearer is asked to do. Left and right are the wearer's.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+        #[serde(rename_all = "kebab-case")]
+        pub enum Take {
+            $( $take, )*
+        }
+
+        impl Take {
+            pub const ALL: [Self; 11] = [ $( Self::$take, )* ];
+
+            /// The name in files.
+            pub fn name(self) -> &'static str {
+                match self { $( Self::$take => $name, )* }
+            }
+
+            pub fn instruction(self) -> &'static str {
+                match self { $( Self::$take => $instruction, )* }
+            }
+
+            /// The coefficients that the pose raises to the end of their range.
+            pub fn raises(self) -> &'static [&'static str] {
+                match self { $( Self::$take => &$raises, )* }
+            }
+
+            /// By how much the strength must exceed that of the neutral take for the pose to count as seen. The faintest
+            /// poses of people who were asked for them exceed it by more, and faces at rest by less.
+            pub(super) fn threshold(self) -> f32 {
+                match self { $( Self::$take => $threshold, )* }
+            }
+
+            /// How far the lids may close during the take. A frame in which they are closed further shows a blink. Some
+            /// poses lower the lids, too.
+            pub(super) fn lids(self) -> f32 {
+                match self { $( Self::$take => $lids, )* }
+            }
+
+            /// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is
+            /// computed.
+            ///
+            /// A typical reading is the mean over 20 rendered people who show 75 to 100 % of the expression. The powers
+            /// have the least mean squared error over 20 s of recorded expressions; either half of the people alone gives
+            /// them within 0.25.
+            fn typical(self) -> (f32, f32) {
+                match self { $( Self::$take => $typical, )* }
+            }
+        }
+    };
+}
+
+takes! {
+    Neutral "neutral": "Look into the camera with your face at rest and your mouth closed", [],
+        threshold 0.0, lids f32::INFINITY, typical (1.0, 0.0);
+    EyesShut "eyes-shut": "Shut both eyes, count to three, and open them again", LIDS,
+        threshold 0.45, lids f32::INFINITY, typical (0.79, 1.0);
+    JawOpen "jaw-open": "Open your mouth wide", ["jawOpen"],
+        threshold 0.3, lids 0.5, typical (1.0, 0.0);
+    BrowsUp "brows-up": "Raise your eyebrows", ["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
+        threshold 0.25, lids 0.5, typical (1.0, 0.0);
+    BrowsDown "brows-down": "Draw your eyebrows down, as if in anger", ["browDownLeft", "browDownRight"],
+        threshold 0.25, lids 0.8, typical (0.36, 0.5);
+    Smile "smile": "Smile as widely as you can", ["mouthSmileLeft", "mouthSmileRight"],
+        threshold 0.25, lids 0.8, typical (1.0, 0.0);
+    Pucker "pucker": "Pucker your lips, as if for a kiss", ["mouthPucker"],
+        threshold 0.25, lids 0.5, typical (1.0, 0.0);
+    LookLeft "look-left": "Look to your left with your eyes alone", ["eyeLookOutLeft", "eyeLookInRight"],
+        threshold 0.3, lids 0.5, typical (0.71, 0.5);
+    LookRight "look-right": "Look to your right with your eyes alone", ["eyeLookInLeft", "eyeLookOutRight"],
+        threshold 0.3, lids 0.5, typical (0.71, 0.5);
+    LookUp "look-up": "Look up with your eyes alone", ["eyeLookUpLeft", "eyeLookUpRight"],
+        threshold 0.2, lids 0.5, typical (0.37, 0.75);
+    LookDown "look-down": "Look down with your eyes alone", ["eyeLookDownLeft", "eyeLookDownRight"],
+        threshold 0.2, lids 0.8, typical (0.52, 0.25);
 }
 
 impl Take {
-    pub const ALL: [Self; 11] = {
-        use Take::*;
-        [Neutral, EyesShut, JawOpen, BrowsUp, BrowsDown, Smile, Pucker, LookLeft, LookRight, LookUp, LookDown]
-    };
-
-    pub fn name(self) -> &'static str {
-        self.properties().0
-    }
-
-    pub fn instruction(self) -> &'static str {
-        self.properties().1
-    }
-
-    /// The coefficients that the pose raises to the end of their range.
-    pub fn raises(self) -> &'static [&'static str] {
-        self.properties().2
-    }
-
-    /// By how much the strength must exceed that of the neutral take for the pose to count as seen. The faintest poses of
-    /// people who were asked for them exceed it by more, and faces at rest by less.
-    pub(super) fn threshold(self) -> f32 {
-        self.properties().3
-    }
-
-    /// The name in files, the instruction, the coefficients that it raises, and the threshold of their strength.
-    fn properties(self) -> (&'static str, &'static str, &'static [&'static str], f32) {
-        use Take::*;
-        match self {
-            Neutral => ("neutral", "Look into the camera with your face at rest and your mouth closed", &[], 0.0),
-            EyesShut => ("eyes-shut", "Shut both eyes, count to three, and open them again", &LIDS, 0.45),
-            JawOpen => ("jaw-open", "Open your mouth wide", &["jawOpen"], 0.3),
-            BrowsUp => {
-                ("brows-up", "Raise your eyebrows", &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25)
-            }
-            BrowsDown => {
-                ("brows-down", "Draw your eyebrows down, as if in anger", &["browDownLeft", "browDownRight"], 0.25)
-            }
-            Smile => ("smile", "Smile as widely as you can", &["mouthSmileLeft", "mouthSmileRight"], 0.25),
-            Pucker => ("pucker", "Pucker your lips, as if for a kiss", &["mouthPucker"], 0.25),
-            LookLeft => {
-                ("look-left", "Look to your left with your eyes alone", &["eyeLookOutLeft", "eyeLookInRight"], 0.3)
-            }
-            LookRight => {
-                ("look-right", "Look to your right with your eyes alone", &["eyeLookInLeft", "eyeLookOutRight"], 0.3)
-            }
-            LookUp => ("look-up", "Look up with your eyes alone", &["eyeLookUpLeft", "eyeLookUpRight"], 0.2),
-            LookDown => ("look-down", "Look down with your eyes alone", &["eyeLookDownLeft", "eyeLookDownRight"], 0.2),
-        }
-    }
-
     /// How strongly the pose is seen: the mean of its coefficients, or, for shut eyes, the lid that is less shut.
     pub(super) fn strength(self, coefficients: &[f32; COEFFS]) -> f32 {
         match self {
             Self::EyesShut => LIDS.iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
             _ => mean_of(self.raises(), coefficients),
-        }
-    }
-
-    /// How far the lids may close during the take. A frame in which they are closed further shows a blink.
-    pub(super) fn lids(self) -> f32 {
-        match self {
-            Self::Neutral | Self::EyesShut => f32::INFINITY,
-            // These poses lower the lids, too.
-            Self::LookDown | Self::BrowsDown | Self::Smile => 0.8,
-            _ => 0.5,
         }
     }
 }
@@ -143,21 +144,6 @@ impl Refusal {
 const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
 const LEAST_MEASURED: f32 = 0.1;
-
-/// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is computed.
-///
-/// A typical reading is the mean over 20 rendered people who show 75 to 100 % of the expression. The powers have the
-/// least mean squared error over 20 s of recorded expressions; either half of the people alone gives them within 0.25.
-fn typical(pose: Take) -> (f32, f32) {
-    match pose {
-        Take::EyesShut => (0.79, 1.0),
-        Take::BrowsDown => (0.36, 0.5),
-        Take::LookLeft | Take::LookRight => (0.71, 0.5),
-        Take::LookUp => (0.37, 0.75),
-        Take::LookDown => (0.52, 0.25),
-        Take::Neutral | Take::JawOpen | Take::BrowsUp | Take::Smile | Take::Pucker => (1.0, 0.0),
-    }
-}
 
 #[derive(Debug)]
 pub(super) struct Known {
@@ -220,7 +206,7 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     }
     for pose in takes.poses.keys().copied() {
         let Some(raw) = takes.raw(model, pose) else { continue };
-        let (typical, power) = typical(pose);
+        let (typical, power) = pose.typical();
         let wearer = profile.gain.iter_mut().zip(&profile.rest).zip(&raw);
         for (name, ((gain, rest), raw)) in BLENDSHAPES.iter().zip(wearer) {
             if pose.raises().contains(name) && raw - rest > LEAST_MEASURED {

@@ -162,7 +162,7 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-    use crate::calibration::Sight;
+    use crate::calibration::Refusal;
 
     use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};
@@ -219,11 +219,11 @@ mod tests {
         let frame = frame(&data, 0);
         let (mut pipeline, runs) = pipeline(0);
         pipeline.solver.profile.neutral = Some(neutral(&frame));
-        assert!(matches!(pipeline.process(&frame).observe(false).sight, Sight::Face(_)));
+        assert!(pipeline.process(&frame).observe(false).sight.is_ok());
         runs.store(FAILING, Relaxed);
         let failed = pipeline.process(&frame);
         assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
-        assert!(failed.observe(false).sight == Sight::NoFace && failed.record().landmarks.is_none());
+        assert!(failed.observe(false).sight == Err(Refusal::NoFace) && failed.record().landmarks.is_none());
     }
 
     /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.

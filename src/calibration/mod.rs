@@ -11,7 +11,7 @@ mod take;
 #[cfg(test)]
 pub(crate) use guide::tests as test_wearer;
 pub use guide::{Calibration, Guide, Phase, Progress};
-pub use observation::{Observation, Sight};
+pub use observation::Observation;
 #[cfg(test)]
 pub(crate) use profile_file::tests::file as test_profile;
 pub use profile_file::{MAX_PROFILE_BYTES, ProfileFile, model_hash};

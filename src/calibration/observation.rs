@@ -30,29 +30,20 @@ const RELEASED: f32 = 0.7;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     pub time_us: u64,
-    pub is_dark: bool,
-    pub sight: Sight,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "observations live in a ring, none on the heap")]
-pub enum Sight {
-    /// There is no frame: the camera is silent or gone.
-    NoPicture,
-    /// The frame shows no face, or none that can be read.
-    NoFace,
-    Face(Seen),
+    /// The face, or what hinders every take: there is no picture, too little light, or no face that can be read.
+    pub sight: Result<Seen, Refusal>,
 }
 
 impl Observation {
+    /// There is no frame: the camera is silent or gone.
     pub fn nothing(time_us: u64) -> Self {
-        Self { time_us, is_dark: false, sight: Sight::NoPicture }
+        Self { time_us, sight: Err(Refusal::NoPicture) }
     }
 
     /// Observes the face of a frame that was captured at `time_us`, `None` if the frame shows none. Does not allocate.
     pub fn new(model: &Model, face: Option<Face<'_>>, camera: &Camera, time_us: u64, is_dark: bool) -> Self {
-        let seen = face.and_then(|face| Seen::new(model, face, camera));
-        Self { time_us, is_dark, sight: seen.map_or(Sight::NoFace, Sight::Face) }
+        let seen = || face.and_then(|face| Seen::new(model, face, camera)).ok_or(Refusal::NoFace);
+        Self { time_us, sight: if is_dark { Err(Refusal::TooDark) } else { seen() } }
     }
 }
 
@@ -84,12 +75,7 @@ pub(super) struct View<'a> {
 
 impl<'a> View<'a> {
     pub(super) fn new(model: &Model, takes: &Takes, take: Take, observation: &'a Observation) -> Result<Self, Refusal> {
-        let seen = match &observation.sight {
-            Sight::NoPicture => return Err(Refusal::NoPicture),
-            _ if observation.is_dark => return Err(Refusal::TooDark),
-            Sight::NoFace => return Err(Refusal::NoFace),
-            Sight::Face(seen) => seen,
-        };
+        let seen = observation.sight.as_ref().map_err(|hindrance| *hindrance)?;
         let known = takes.neutral.as_ref().filter(|_| take != Take::Neutral);
         let (from, limits) = known.map_or(([0.0; 3], FACING_DEG), |known| (known.head_deg, [TURNED_DEG; 3]));
         let mut angles = seen.head_deg.iter().zip(from).zip(limits);

@@ -81,13 +81,12 @@ pub enum StoreError {
     Unwritable(String),
 }
 
-fn missing(path: &Path, name: &WearerName) -> StoreError {
-    let path = path.display();
-    StoreError::Unreadable(format!("there is no profile {path}: run `facewire calibrate --wearer {name}`"))
-}
-
 fn unreadable(path: &Path, error: &io::Error) -> StoreError {
-    StoreError::Unreadable(format!("cannot read {}: {error}; {}", path.display(), remedy(error)))
+    let (wearer, path) = (path.file_stem().unwrap_or_default().display(), path.display());
+    StoreError::Unreadable(match error.kind() {
+        ErrorKind::NotFound => format!("there is no profile {path}: run `facewire calibrate --wearer {wearer}`"),
+        _ => format!("cannot read {path}: {error}; {}", remedy(error)),
+    })
 }
 
 fn unwritable(path: &Path, error: &io::Error) -> StoreError {
@@ -128,10 +127,7 @@ impl Store {
 
     pub fn load(&self, name: &WearerName) -> Result<ProfileFile, StoreError> {
         let path = self.path(name);
-        let bytes = read(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => missing(&path, name),
-            _ => unreadable(&path, &error),
-        })?;
+        let bytes = read(&path).map_err(|error| unreadable(&path, &error))?;
         let text = str::from_utf8(&bytes).map_err(|_| "it is damaged: it is not UTF-8".to_owned());
         text.and_then(ProfileFile::parse).map_err(|error| {
             let path = path.display();
@@ -171,7 +167,7 @@ impl Store {
         // A power cut may have left this.
         let _ = fs::remove_file(self.folder.join(format!(".{name}.new")));
         fs::remove_file(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => missing(&path, name),
+            ErrorKind::NotFound => unreadable(&path, &error),
             _ => unwritable(&path, &error),
         })
     }

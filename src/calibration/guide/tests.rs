@@ -4,9 +4,10 @@ use facewire_face::model::{Cases, FormulaSetTable, FormulaTable, ModelFile};
 use facewire_face::stages::{Coefficients, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, testing::face};
 
-use super::super::observation::Sight;
 use super::super::take::Seen;
 use super::*;
+
+type Sight = Result<Seen, Refusal>;
 
 /// Coefficients by name; all others are 0.
 pub(crate) type Shown<'a> = &'a [(&'a str, f32)];
@@ -42,7 +43,7 @@ impl Wearer {
             shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
             residual
         });
-        Sight::Face(Seen { face, residuals, head_deg })
+        Ok(Seen { face, residuals, head_deg })
     }
 
     /// The pose of a take, performed to this extent.
@@ -65,17 +66,16 @@ impl Wearer {
                 asked = (Some(take), time_us);
             }
             let sight = act(take, (time_us - asked.1) as f32 / 1e6);
-            guide.update(&Observation { time_us, is_dark: false, sight });
+            guide.update(&Observation { time_us, sight });
         }
         panic!("the guide does not end: {:?}", guide.progress())
     }
 
     /// Shows the guide this many frames.
-    fn show(&self, frames: u64, mut act: impl FnMut(u64) -> (bool, Sight)) -> Guide {
+    fn show(&self, frames: u64, mut act: impl FnMut(u64) -> Sight) -> Guide {
         let mut guide = Guide::new(self.model.clone());
         for frame in 0..frames {
-            let (is_dark, sight) = act(frame);
-            guide.update(&Observation { time_us: frame * FRAME_US, is_dark, sight });
+            guide.update(&Observation { time_us: frame * FRAME_US, sight: act(frame) });
         }
         guide
     }
@@ -135,34 +135,31 @@ fn slow_camera_is_enough() {
 #[test]
 fn conditions_of_the_neutral_take_are_named_and_without_it_there_is_no_profile() {
     let mut wearer = Wearer::new();
-    let waits_for = |wearer: &Wearer, is_dark, sight: Sight| {
-        wearer.show(120, |_| (is_dark, sight.clone())).progress().waits_for.unwrap()
-    };
-    assert_eq!(waits_for(&wearer, false, Sight::NoPicture), Refusal::NoPicture);
-    assert_eq!(waits_for(&wearer, true, wearer.pose(Take::Neutral, 0.0)), Refusal::TooDark);
+    let waits_for = |wearer: &Wearer, sight: Sight| wearer.show(120, |_| sight.clone()).progress().waits_for.unwrap();
+    assert_eq!(waits_for(&wearer, Err(Refusal::TooDark)), Refusal::TooDark);
     for turned in [[25.0, 0.0, 0.0], [0.0, -25.0, 0.0], [0.0, 0.0, 25.0], [f32::NAN, 0.0, 0.0]] {
-        assert_eq!(waits_for(&wearer, false, wearer.shows(turned, &[])), Refusal::HeadTurned);
+        assert_eq!(waits_for(&wearer, wearer.shows(turned, &[])), Refusal::HeadTurned);
     }
     let poses = [Take::EyesShut, Take::Smile, Take::JawOpen];
     for (pose, refusal) in poses.into_iter().zip([Refusal::EyesShut, Refusal::Smiling, Refusal::MouthOpen]) {
         wearer.general = pose.raises().iter().map(|name| (*name, 0.8)).collect();
-        assert_eq!(waits_for(&wearer, false, wearer.pose(Take::Neutral, 0.0)), refusal);
+        assert_eq!(waits_for(&wearer, wearer.pose(Take::Neutral, 0.0)), refusal);
     }
     assert_eq!(follow_all(&wearer, 0.8).0, Err(Refusal::MouthOpen));
     let (outcome, took_us) =
-        Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), |_, _| Sight::NoFace);
+        Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), |_, _| Err(Refusal::NoFace));
     assert!(outcome == Err(Refusal::NoFace) && took_us < 40_000_000, "{took_us}");
 }
 
 #[test]
 fn moving_head_and_speaking_mouth_refuse_the_neutral_take_and_a_blink_is_left_out() {
     let wearer = Wearer::new();
-    let sways = wearer.show(120, |frame| (false, wearer.shows([0.5 * (frame % 20) as f32, 0.0, 0.0], &[])));
+    let sways = wearer.show(120, |frame| wearer.shows([0.5 * (frame % 20) as f32, 0.0, 0.0], &[]));
     assert_eq!((sways.refused > 2, sways.last_refusal), (true, Some(Refusal::HeadMoves)));
-    let speaks = wearer.show(120, |frame| (false, wearer.pose(Take::JawOpen, (frame / 8 % 2) as f32 * 0.35)));
+    let speaks = wearer.show(120, |frame| wearer.pose(Take::JawOpen, (frame / 8 % 2) as f32 * 0.35));
     assert_eq!((speaks.refused > 2, speaks.last_refusal), (true, Some(Refusal::FaceMoves)));
     let shut = |frame| if (50..55).contains(&frame) { 0.6 } else { 0.0 };
-    let blinks = wearer.show(100, |frame| (false, wearer.pose(Take::EyesShut, shut(frame))));
+    let blinks = wearer.show(100, |frame| wearer.pose(Take::EyesShut, shut(frame)));
     assert_eq!((blinks.wanted(), blinks.refused), (Some(Take::EyesShut), 0));
     assert!(blinks.takes.neutral.unwrap().raw[0].abs() < 0.01);
 }
@@ -188,7 +185,7 @@ fn poses_are_taken_again_or_left_out_with_the_reason() {
     assert_eq!(slow.0, (0, None, vec![]));
     assert!((0.85..0.92).contains(&slow.1[index("eyeLookOutLeft")]), "a slow pose is measured at its end");
     let face_is_lost = run(|wearer, take, since_s| match take {
-        Take::JawOpen if (1.0..3.0).contains(&since_s) => Sight::NoFace,
+        Take::JawOpen if (1.0..3.0).contains(&since_s) => Err(Refusal::NoFace),
         Take::LookLeft => wearer.shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),
         _ => wearer.pose(take, 0.8),
     });
@@ -219,7 +216,7 @@ fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
     for jump_us in [3_600_000_000, 2_000_000] {
         let mut guide = Guide::new(wearer.model.clone());
         let observe = |guide: &mut Guide, time_us| {
-            guide.update(&Observation { time_us, is_dark: false, sight: wearer.shows([0.0; 3], &[]) });
+            guide.update(&Observation { time_us, sight: wearer.shows([0.0; 3], &[]) });
         };
         assert_eq!(guide.progress().phase, Phase::GetReady);
         frames_from(5_000_000).take(45).for_each(|time_us| observe(&mut guide, time_us));

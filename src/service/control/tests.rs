@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use super::super::observer::{self, Observer};
 use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
-use crate::calibration::{Phase, Refusal, Sight, Take};
+use crate::calibration::{Phase, Refusal, Seen, Take};
 
 /// What the control thread works with, and what a hot loop and a supervisor would hold.
 struct Rig {
@@ -52,15 +52,15 @@ impl Rig {
         }
     }
 
-    fn show(&mut self, time_us: u64, sight: Sight) {
-        self.observer.publish(|| Observation { time_us, is_dark: false, sight });
+    fn show(&mut self, time_us: u64, sight: Result<Seen, Refusal>) {
+        self.observer.publish(|| Observation { time_us, sight });
         self.server.calibrate();
     }
 
     /// Begins a calibration, and shows it that there is no face.
     fn calibrate(&mut self, name: &str) -> Answers {
         let mut answers = self.ask(calibrate(name));
-        self.show(1, Sight::NoFace);
+        self.show(1, Err(Refusal::NoFace));
         assert!(matches!(answers.next(), Some(Reply::Progress(_))));
         answers
     }

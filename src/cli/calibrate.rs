@@ -77,10 +77,9 @@ impl CalibrateArgs {
 }
 
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
-    let request = args.request();
     match Connection::open()? {
-        Some(connection) => by_service(connection, &request),
-        None => without_service(args, request),
+        Some(connection) => by_service(connection, &args.request()),
+        None => without_service(args),
     }
 }
 
@@ -99,30 +98,23 @@ fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failu
     }
 }
 
-fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure> {
+fn without_service(args: &CalibrateArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    let store = Store::new(&settings.wearer.folder);
-    match request {
-        Request::Calibrate { .. } => {
-            let of_settings = || WearerName::new(&settings.wearer.name).or_else(|| WearerName::new(DEFAULT_WEARER));
-            let Some(name) = args.wearer.clone().or_else(of_settings) else { return Ok(()) };
-            print(&told(&store.keep(&name, calibrate_here(&settings)?)?, ""))
-        }
-        Request::Use { .. } => Err(Failure::failed(
-            "no service runs here that could be told; set wearer.name in its settings, or start it".to_owned(),
-        )),
-        // Only `facewire record` asks for it.
-        Request::Record {} => Ok(()),
-        Request::List {} => {
-            let in_use = Some(settings.wearer.name.as_str()).filter(|name| !name.is_empty());
-            print(&listed(&store.list()?, in_use, &store.folder().display().to_string()))
-        }
-        Request::Delete { wearer } => {
-            let Some(name) = WearerName::new(&wearer) else { return Ok(()) };
-            store.delete(&name)?;
-            print(&format!("the profile of {name} is deleted\n"))
-        }
+    let (store, in_use) = (Store::new(&settings.wearer.folder), WearerName::new(&settings.wearer.name));
+    if let Some(name) = &args.delete {
+        store.delete(name)?;
+        return print(&format!("the profile of {name} is deleted\n"));
     }
+    if args.list {
+        let in_use = in_use.as_ref().map(WearerName::as_str);
+        return print(&listed(&store.list()?, in_use, &store.folder().display().to_string()));
+    }
+    if args.r#use.is_some() || args.use_none {
+        let remedy = "set wearer.name in its settings, or start it";
+        return Err(Failure::failed(format!("no service runs here that could be told; {remedy}")));
+    }
+    let Some(name) = args.wearer.clone().or(in_use).or_else(|| WearerName::new(DEFAULT_WEARER)) else { return Ok(()) };
+    print(&told(&store.keep(&name, calibrate_here(&settings)?)?, ""))
 }
 
 fn told(report: &KeptProfile, use_it: &str) -> String {

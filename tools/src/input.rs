@@ -239,28 +239,6 @@ mod tests {
     }
 
     #[test]
-    fn every_truncation_of_a_y4m_stream_gives_the_frames_before_it_and_names_the_frame() {
-        let whole = y4m("W4 H2 F25:1 Cmono", 8, 3);
-        let header = whole.iter().position(|&byte| byte == b'\n').unwrap() + 1;
-        for length in 0..header {
-            assert!(open_y4m(&whole[..length]).is_err_and(|error| error.to_string().contains("the y4m stream")));
-        }
-        for length in header..=whole.len() {
-            let (complete, rest) = ((length - header) / 14, (length - header) % 14);
-            let mut source = open_y4m(&whole[..length]).unwrap();
-            assert!((0..complete).all(|_| source.skip().unwrap()));
-            match source.next() {
-                Ok(frame) => assert!(frame.is_none() && rest == 0, "{length}"),
-                Err(error) => {
-                    let place = format!("cut short at byte {length}, in frame {complete};");
-                    assert!(error.to_string().contains(&place), "{error}");
-                }
-            }
-            assert!(source.next().unwrap().is_none(), "one error, then the end");
-        }
-    }
-
-    #[test]
     fn a_y4m_stream_that_cannot_be_read_is_refused_with_the_reason() {
         let reason = |header: &str| open_y4m(&y4m(header, 0, 0)).unwrap_err().to_string();
         for layout in ["420p10", "422p12", "444p16", "420p9", "mono16", "mono12"] {

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use facewire::cli::{Failure, with_exit_status};
+use facewire::cli::{Failure, TOOLS, with_exit_status};
 
 /// Track, record, replay, measure and monitor, and the ends of servos.
 #[derive(Debug, Parser)]
@@ -25,26 +25,21 @@ struct Tools {
     command: Command,
 }
 
-// The service lists these commands in its help, too: `TOOLS` in src/cli/mod.rs.
+// `TOOLS` says what they do, because the service lists these commands in its help, too.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run the same pipeline on a file, with one CSV row per frame.
     Track(track::TrackArgs),
-    /// Record the landmarks and the outputs of every frame.
     Record(record::RecordArgs),
-    /// Send a recording again, with its original timing.
     Replay(replay::ReplayArgs),
-    /// Measure latency, CPU and memory of every stage on a clip.
     Bench(bench::BenchArgs),
-    /// Move one channel of a servo board by keys, to find its ends.
     Servo(servo::ServoArgs),
-    /// Receive packets and show them live.
     Monitor(monitor::MonitorArgs),
 }
 
 /// The definitions of all arguments, from which `examples/manual.rs` makes the manual pages and the shell completions.
 pub fn command() -> clap::Command {
-    with_exit_status(Tools::command()).mut_subcommands(with_exit_status)
+    let describe = |tools: clap::Command, (name, about)| tools.mut_subcommand(name, |tool| tool.about(about));
+    TOOLS.into_iter().fold(with_exit_status(Tools::command()).mut_subcommands(with_exit_status), describe)
 }
 
 /// Runs the command that these arguments name, after the name of the program. Prints its failure on standard error, and
@@ -79,10 +74,6 @@ mod tests {
 
     #[test]
     fn the_help_of_the_service_lists_exactly_these_commands() {
-        let command = super::command();
-        let about = |command: &clap::Command| command.get_about().map(ToString::to_string).unwrap_or_default();
-        let ours: Vec<_> = command.get_subcommands().map(|tool| (tool.get_name(), about(tool))).collect();
-        let listed: Vec<_> = TOOLS.iter().map(|(name, about)| (*name, (*about).to_owned())).collect();
-        assert_eq!(ours, listed);
+        assert!(super::command().get_subcommands().map(clap::Command::get_name).eq(TOOLS.map(|(name, _)| name)));
     }
 }

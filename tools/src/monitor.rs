@@ -20,7 +20,7 @@ use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State};
 use serde::{Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use self::receiver::Receiver;
+use self::receiver::Receive;
 use self::screen::Screen;
 use crate::stopped_by;
 use facewire::cli::{Failure, STANDARD_OUTPUT, print};
@@ -28,6 +28,8 @@ use facewire::service::Histogram;
 
 /// Time between two pictures. 30 pictures per second look smooth, and more would only load the board.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
+/// A socket takes no time-out of zero.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 /// The values of `--seconds`, up to a year.
 const SECONDS: RangeInclusive<f64> = 0.001..=31_536_000.0;
@@ -80,10 +82,10 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
-    let mut receiver = Receiver::open(args)?;
+    let mut receive = receiver::open(args)?;
     let stop = stopped_by(&[SIGINT, SIGTERM])?;
     let mut tally = Tally::default();
-    match watch(args, &mut receiver, &stop, &mut tally) {
+    match watch(args, &mut receive, &stop, &mut tally) {
         // The reader of the output has gone.
         Err(failure) if failure.message.is_empty() => {}
         watched => watched?,
@@ -105,7 +107,7 @@ pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
 }
 
 /// Shows packets until a signal or a limit ends it. The screen is restored on return.
-fn watch(args: &MonitorArgs, receiver: &mut Receiver, stop: &AtomicBool, tally: &mut Tally) -> Result<(), Failure> {
+fn watch(args: &MonitorArgs, receive: &mut Receive, stop: &AtomicBool, tally: &mut Tally) -> Result<(), Failure> {
     let unwritten = |error: io::Error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error);
     let listen = args.input();
     let is_screen = !args.json && io::stdout().is_terminal();
@@ -118,7 +120,7 @@ fn watch(args: &MonitorArgs, receiver: &mut Receiver, stop: &AtomicBool, tally: 
         && end.is_none_or(|end| Instant::now() < end)
     {
         let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
-        match receiver.next(left.min(SCREEN_PERIOD))? {
+        match receive(left.clamp(SHORTEST_WAIT, SCREEN_PERIOD))? {
             Some(Ok((packet, from))) => {
                 tally.count(&packet, from, Instant::now());
                 if args.json {

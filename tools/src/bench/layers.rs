@@ -152,14 +152,3 @@ impl TimedNetwork {
         NetworkSpeed { name: self.name, speed: speed(multiply_adds, self.whole), layers }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn speed_is_given_per_second_and_as_a_share_of_the_peak() {
-        let speed = Speed::of(1_000_000, Duration::from_micros(100), 40e9);
-        assert!((speed.g_per_s - 10.0).abs() < 1e-9 && (speed.percent_of_peak - 25.0).abs() < 1e-9, "{speed:?}");
-    }
-}

@@ -50,13 +50,10 @@ pub struct Retry {
 }
 
 impl Retry {
-    /// Logs what is missing, once. That somebody has yet to plug it in is no fault.
-    pub fn tell(&mut self, missing: &impl Display, is_awaited: bool) {
+    pub fn warn(&mut self, missing: &impl Display) {
         let reason = missing.to_string();
-        match (self.logged.is_new(&reason), is_awaited) {
-            (false, _) => {}
-            (true, true) => tracing::info!("{reason}"),
-            (true, false) => tracing::warn!("no {reason}; trying again"),
+        if self.logged.is_new(&reason) {
+            tracing::warn!("no {reason}; trying again");
         }
     }
 }

@@ -24,7 +24,6 @@ const ARRIVED: f32 = 1e-4;
 type Values = [f32; SOURCE_COUNT];
 
 /// The channels of a board in the order of their numbers, and when they last moved.
-#[derive(Debug)]
 pub struct Board {
     channels: Vec<Channel>,
     moved_at: Option<Instant>,

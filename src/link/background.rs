@@ -69,7 +69,6 @@ impl Shared {
 }
 
 /// A device with its thread. When it is dropped, the thread writes the last message and ends by itself.
-#[derive(Debug)]
 pub struct Background {
     newest: Input<Message>,
     shared: Arc<Shared>,
@@ -137,13 +136,19 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     while !shared.stopping() {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
-        let wait = match ended {
-            Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => RETRY_PERIOD,
-            ended => {
-                ended.err().iter().for_each(|error| retry.tell(error, error.kind == LinkErrorKind::Waiting));
-                retry.back_off.wait()
+        let mut is_handover = false;
+        match ended {
+            Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => is_handover = true,
+            // A receiver that is not there yet is no fault.
+            Err(error) if error.kind == LinkErrorKind::Waiting => {
+                if retry.logged.is_new(&error.to_string()) {
+                    tracing::info!("{error}");
+                }
             }
-        };
+            Err(error) => retry.warn(&error),
+            Ok(()) => {}
+        }
+        let wait = if is_handover { RETRY_PERIOD } else { retry.back_off.wait() };
         let end = Instant::now() + wait;
         while !shared.stopping() && Instant::now() < end {
             thread::park_timeout(end.saturating_duration_since(Instant::now()));

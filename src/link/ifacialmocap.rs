@@ -41,7 +41,6 @@ const MOST_CHECKS_AWAY: u32 = 6;
 const MOST_LINES: u32 = 20;
 const LOG_PERIOD: Duration = Duration::from_mins(10);
 
-#[derive(Debug)]
 pub struct IFacialMocap {
     /// The names of the blendshapes, each with the character that follows it.
     names: Vec<String>,
@@ -127,7 +126,6 @@ fn in_version<'a>(version: u32, text: &[u8], changed: &'a mut Vec<u8>) -> &'a [u
     changed
 }
 
-#[derive(Debug)]
 struct Subscriber {
     address: SocketAddr,
     socket: UdpSocket,

@@ -29,7 +29,6 @@ const MOST_CLIENTS: usize = 8;
 const MOST_AT_ONCE: usize = 16;
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
-#[derive(Debug)]
 pub struct JsonLines(Vec<u8>);
 
 #[derive(Serialize)]

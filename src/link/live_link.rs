@@ -32,7 +32,6 @@ pub fn note(settings: &LiveLinkSettings) -> Option<String> {
     (bytes != USUAL_BYTES).then_some(sentence)
 }
 
-#[derive(Debug)]
 pub struct LiveLink {
     /// The datagram. Its beginning, up to the subject's name, stays the same.
     bytes: Vec<u8>,

@@ -124,7 +124,6 @@ fn errors(answer: &[u8]) -> Vec<&'static str> {
     ERRORS.into_iter().enumerate().filter(|(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error).collect()
 }
 
-#[derive(Debug)]
 pub struct Maestro {
     settings: MaestroSettings,
     board: Board,

@@ -21,7 +21,7 @@ mod udp;
 mod vmc;
 mod vrchat;
 
-use std::fmt::{Debug, Display};
+use std::fmt::Display;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -40,7 +40,7 @@ use self::maestro::Maestro;
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
-pub use self::output::{Output, Pace, Pose, Sent};
+pub use self::output::{Output, Pace, Pose};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
@@ -48,7 +48,7 @@ use self::vmc::Vmc;
 use self::vrchat::Vrchat;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings};
 
-pub trait Format: Debug + Send {
+pub trait Format: Send {
     /// Encodes the output as the link's packet number `sequence`, in memory that was taken when the link was opened, and
     /// calls `send` once for each message. The output is as the settings of the link want it: adjusted, and held or
     /// neutral while no face is followed.
@@ -92,7 +92,6 @@ pub struct Rates {
     pub slew_per_s: f32,
 }
 
-#[derive(Debug)]
 pub struct Link {
     format: Box<dyn Format>,
     udp: Option<UdpCarrier>,
@@ -102,7 +101,7 @@ pub struct Link {
     sequence: u32,
     gaze: Gaze,
     shown: Shown,
-    last: Option<Sent>,
+    pace: Pace,
 }
 
 /// Why a link is not open, in one sentence for the operator.
@@ -168,8 +167,8 @@ impl Link {
                 device = Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?);
             }
         }
-        let (traffic, gaze, shown) = (counters(), Gaze::default(), Shown::default());
-        Ok(Self { format, udp, device, traffic, sequence: 0, gaze, shown, last: None })
+        let (gaze, shown, pace) = (Gaze::default(), Shown::default(), Pace::default());
+        Ok(Self { format, udp, device, traffic: counters(), sequence: 0, gaze, shown, pace })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -208,13 +207,12 @@ impl Link {
     /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind.
     /// Returns how long the link can wait for the next output, in microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
-        let pace = Pace::new(settings, rates.send_hz);
-        let output = &self.shown.next(settings, rates.slew_per_s, now_us, output);
-        if pace.is_due(self.last.as_ref(), now_us, output) {
-            self.encode(output);
-            self.last = Some(pace.sent(self.last.as_ref(), now_us, output));
+        let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
+        let (is_due, wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
+        if is_due {
+            self.encode(&output);
         }
-        pace.wait_us(self.last.as_ref(), now_us, output)
+        wait_us
     }
 
     /// Sends the output at once, as the last one.
@@ -282,7 +280,6 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
 }
 
 /// The facewire packet, version 1: each in a datagram, or as a COBS frame on a serial line.
-#[derive(Debug)]
 struct Packets {
     are_framed: bool,
 }

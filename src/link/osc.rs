@@ -10,7 +10,6 @@ pub const LONGEST: usize = 1200;
 const HEAD: &[u8] = b"#bundle\0\0\0\0\0\0\0\0\x01";
 
 /// The bytes of a message: its address, the types of its arguments, and the arguments.
-#[derive(Debug)]
 pub struct Message(Vec<u8>);
 
 impl Message {
@@ -45,7 +44,6 @@ impl Message {
     }
 }
 
-#[derive(Debug)]
 pub struct Bundles {
     /// Whether messages share datagrams. If not, each message travels in a datagram of its own.
     is_bundled: bool,

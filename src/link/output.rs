@@ -113,63 +113,42 @@ impl Shown {
     }
 }
 
-#[derive(Debug, Clone, Copy)]
-pub struct Pace {
-    kind: PaceKind,
-    period_us: u64,
-    loss: Loss,
-}
-
-#[derive(Debug)]
-pub struct Sent {
-    at_us: u64,
-    state: State,
-    reason: Reason,
-    pose: Pose,
-}
+/// When a link sends: what it has sent last, and when that was or should have been, microseconds.
+#[derive(Debug, Default)]
+pub struct Pace(Option<(u64, Output)>);
 
 impl Pace {
-    /// Returns the pace of a link; `send_hz` is the rate of `[send]`.
-    pub fn new(settings: &LinkSettings, send_hz: u32) -> Self {
-        let period_us = 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1));
-        Self { kind: settings.pace.pace, period_us, loss: settings.pace.loss }
-    }
-
-    pub fn is_due(self, last: Option<&Sent>, now_us: u64, output: &Output) -> bool {
-        let Some(last) = last else { return true };
-        let followed = output.followed && self.kind == PaceKind::Pose;
-        followed || now_us.saturating_sub(last.at_us) >= self.interval_us(last, output)
-    }
-
-    /// How long to wait before [`Pace::is_due`] is asked again, if no pose or fault comes first.
-    pub fn wait_us(self, last: Option<&Sent>, now_us: u64, output: &Output) -> u64 {
-        let Some(last) = last else { return 0 };
-        let left_us = self.interval_us(last, output).saturating_sub(now_us.saturating_sub(last.at_us));
-        if output.moving { left_us.min(self.period_us) } else { left_us }
-    }
-
-    pub fn sent(self, last: Option<&Sent>, now_us: u64, output: &Output) -> Sent {
-        // A fixed rate keeps its grid, so that late wake-ups do not add up.
-        let grid_us =
-            last.filter(|_| self.kind == PaceKind::Rate).map(|last| last.at_us.saturating_add(self.period_us));
-        let is_on_time = |grid_us: &u64| now_us.checked_sub(*grid_us).is_some_and(|late_us| late_us < self.period_us);
-        let at_us = grid_us.filter(is_on_time).unwrap_or(now_us);
-        Sent { at_us, state: output.state, reason: output.reason, pose: output.pose }
-    }
-
-    /// Time from the last packet to one that carries this output.
-    fn interval_us(self, last: &Sent, output: &Output) -> u64 {
-        let is_new_state = (last.state, last.reason) != (output.state, output.reason);
-        if self.loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral {
-            return u64::MAX;
+    /// Returns whether to send this output now, and how long to wait before the next call, in microseconds, if no pose or
+    /// fault comes first. `send_hz` is the rate of `[send]`.
+    pub fn step(&mut self, settings: &LinkSettings, send_hz: u32, now_us: u64, output: &Output) -> (bool, u64) {
+        let (kind, period_us) = (settings.pace.pace, 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1)));
+        let wait_us = |at_us: u64, last: &Output| {
+            interval_us(settings.pace.loss, kind, period_us, last, output).saturating_sub(now_us.saturating_sub(at_us))
+        };
+        let is_followed = output.followed && kind == PaceKind::Pose;
+        let is_due = is_followed || self.0.as_ref().is_none_or(|(at_us, last)| wait_us(*at_us, last) == 0);
+        if is_due {
+            // A fixed rate keeps its grid, so that late wake-ups do not add up.
+            let grid_us =
+                self.0.as_ref().filter(|_| kind == PaceKind::Rate).map(|(at_us, _)| at_us.saturating_add(period_us));
+            let is_on_time = |grid_us: &u64| now_us.checked_sub(*grid_us).is_some_and(|late_us| late_us < period_us);
+            self.0 = Some((grid_us.filter(is_on_time).unwrap_or(now_us), output.clone()));
         }
-        match self.kind {
-            PaceKind::Pose if is_new_state => 0,
-            PaceKind::Pose if output.moving || output.state == State::Hold => self.period_us,
-            PaceKind::Change if is_new_state || last.pose.differs_visibly(&output.pose) => self.period_us,
-            PaceKind::Pose | PaceKind::Change => KEEP_ALIVE_US,
-            PaceKind::Rate => self.period_us,
-        }
+        let left_us = self.0.as_ref().map_or(0, |(at_us, last)| wait_us(*at_us, last));
+        (is_due, if output.moving { left_us.min(period_us) } else { left_us })
+    }
+}
+
+/// Time from the last packet to one that carries this output.
+fn interval_us(loss: Loss, kind: PaceKind, period_us: u64, last: &Output, output: &Output) -> u64 {
+    let is_new_state = (last.state, last.reason) != (output.state, output.reason);
+    match kind {
+        _ if loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral => u64::MAX,
+        PaceKind::Pose if is_new_state => 0,
+        PaceKind::Pose if output.moving || output.state == State::Hold => period_us,
+        PaceKind::Change if is_new_state || last.pose.differs_visibly(&output.pose) => period_us,
+        PaceKind::Pose | PaceKind::Change => KEEP_ALIVE_US,
+        PaceKind::Rate => period_us,
     }
 }
 
@@ -246,24 +225,22 @@ mod tests {
 
     /// A link that follows its pace, and the times at which it sent.
     struct Link {
+        settings: LinkSettings,
+        rate_hz: u32,
         pace: Pace,
-        last: Option<Sent>,
         sent_ms: Vec<u64>,
     }
 
     impl Link {
         fn new(kind: PaceKind, loss: Loss, rate_hz: u32) -> Self {
-            Self { pace: Pace::new(&settings(kind, loss), rate_hz), last: None, sent_ms: Vec::new() }
+            Self { settings: settings(kind, loss), rate_hz, pace: Pace::default(), sent_ms: Vec::new() }
         }
 
         /// Offers the output, and returns how long the link waits after that, microseconds.
         fn offer(&mut self, now_ms: u64, output: &Output) -> u64 {
-            let now_us = 1000 * now_ms;
-            if self.pace.is_due(self.last.as_ref(), now_us, output) {
-                self.last = Some(self.pace.sent(self.last.as_ref(), now_us, output));
-                self.sent_ms.push(now_ms);
-            }
-            self.pace.wait_us(self.last.as_ref(), now_us, output)
+            let (is_sent, wait_us) = self.pace.step(&self.settings, self.rate_hz, 1000 * now_ms, output);
+            self.sent_ms.extend(is_sent.then_some(now_ms));
+            wait_us
         }
 
         /// Shows an output for a second, and returns how often it was sent. Every wake-up comes `late_ms` late.

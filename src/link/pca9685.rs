@@ -101,7 +101,6 @@ fn refused(name: impl Display, error: impl Into<io::Error>) -> LinkError {
 /// may open the bus can take the lock. It holds in all namespaces that have the same node, and the kernel frees it when
 /// the program ends. The driver of the bus ignores the lock, so it does not stop programs that never ask for it, such
 /// as `i2cdetect`.
-#[derive(Debug)]
 pub struct Bus {
     name: String,
     chip: LinuxI2CDevice,

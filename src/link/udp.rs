@@ -10,7 +10,8 @@
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::thread::{self, Thread};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::Builder;
 use std::time::Duration;
 use std::{fs, io};
 
@@ -22,12 +23,14 @@ use crate::retry::Retry;
 
 const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 
+/// A socket, and the address to which it sends.
+type Destination = (UdpSocket, SocketAddr);
+
 /// Datagrams to one address.
-#[derive(Debug)]
 pub struct UdpCarrier {
     destination: Newest<Option<Destination>>,
-    /// The thread that looks a host name up, and a token: the thread ends when the token is dropped.
-    lookup: Option<(Thread, Arc<()>)>,
+    /// Wakes the thread that looks a host name up. The thread ends when this is dropped.
+    lookup: Option<SyncSender<()>>,
     traffic: Arc<Traffic>,
     refusal: Option<i32>,
 }
@@ -35,13 +38,25 @@ pub struct UdpCarrier {
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
     pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
+        Self::resolved_by(system_resolver, address, LOOKUP_PERIOD, traffic)
+    }
+
+    fn resolved_by(
+        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
+        address: &Address,
+        period: Duration,
+        traffic: Arc<Traffic>,
+    ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let lookup = if let Ok(receiver) = address.as_str().parse() {
-            input.write(Some(Destination::new(address, receiver)?));
+            input.write(Some(open(address, receiver)?));
             None
         } else {
-            let host = Host { address: address.clone(), current: None, destination: input };
-            Some(host.start(LOOKUP_PERIOD, system_resolver)?)
+            let ((wake, woken), host) = (sync_channel(1), address.clone());
+            let thread = Builder::new().name("fw-lookup".to_owned());
+            let started = thread.spawn(move || look_up(&host, resolve, period, input, &woken));
+            started.map_err(|error| LinkError::no_thread(address, error))?;
+            Some(wake)
         };
         Ok(Self { destination, lookup, traffic, refusal: None })
     }
@@ -49,7 +64,7 @@ impl UdpCarrier {
     /// Sends the message or drops it, without waiting, and counts it.
     pub fn send(&mut self, message: &[u8]) {
         let destination = self.destination.read().as_ref();
-        let sent = destination.map(|to| to.socket.send_to(message, to.receiver));
+        let sent = destination.map(|(socket, receiver)| socket.send_to(message, receiver));
         let is_sent = matches!(sent, Some(Ok(_)));
         (if is_sent { &self.traffic.sent } else { &self.traffic.dropped }).fetch_add(1, Relaxed);
         // A full buffer drops this message and says nothing about the network.
@@ -69,29 +84,18 @@ impl UdpCarrier {
 
     /// Asks to look up the receiver's address now.
     pub fn refresh(&self) {
-        self.lookup.iter().for_each(|(thread, _)| thread.unpark());
+        // A thread that was woken before and has not looked it up yet will do so anyway.
+        let _ = self.lookup.as_ref().map(|lookup| lookup.try_send(()));
     }
 }
 
-#[derive(Debug)]
-struct Destination {
-    socket: UdpSocket,
-    receiver: SocketAddr,
-}
-
-impl Destination {
-    fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
-        let opened = socket_for(receiver).and_then(|socket| {
-            if receiver.is_ipv4() {
-                socket.set_broadcast(true)?;
-            }
-            Ok(Self { socket, receiver })
-        });
-        opened.map_err(|error| {
-            let sentence = format!("no socket ({error}); check that the service may use the network");
-            LinkError::new(LinkErrorKind::Other, address, sentence)
-        })
-    }
+fn open(address: &Address, receiver: SocketAddr) -> Result<Destination, LinkError> {
+    let opened = socket_for(receiver).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
+    let socket = opened.map_err(|error| {
+        let sentence = format!("no socket ({error}); check that the service may use the network");
+        LinkError::new(LinkErrorKind::Other, address, sentence)
+    })?;
+    Ok((socket, receiver))
 }
 
 /// Opens a socket for datagrams to this receiver that never blocks.
@@ -103,7 +107,7 @@ pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
 
 /// Tests whether this machine has a route to the address at this moment. Nothing is sent.
 pub fn check(address: &Address) -> Result<(), LinkError> {
-    let Destination { socket, receiver } = Destination::new(address, resolve(address)?)?;
+    let (socket, receiver) = open(address, resolve(address)?)?;
     socket.connect(receiver).map_err(|error| {
         let sentence = format!("no network leads there ({error}); check this machine's cable or Wi-Fi and the address");
         LinkError::new(LinkErrorKind::Host, address, sentence)
@@ -118,51 +122,33 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
-/// A host name, and the address to which its packets go at present.
-struct Host {
-    address: Address,
-    current: Option<SocketAddr>,
-    destination: Input<Option<Destination>>,
-}
-
-impl Host {
-    /// Starts a thread that looks the host up now, after each `period`, and when it is woken.
-    fn start(
-        mut self,
-        period: Duration,
-        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
-    ) -> Result<(Thread, Arc<()>), LinkError> {
-        let (address, link) = (self.address.clone(), Arc::new(()));
-        let is_wanted = Arc::downgrade(&link);
-        let run = move || {
-            let mut retry = Retry::default();
-            while is_wanted.strong_count() > 0 {
-                let found = resolve(&self.address);
-                match (self.take(found), self.current) {
-                    (Ok(()), _) => retry = Retry::default(),
-                    (Err(error), Some(current)) if retry.logged.is_new(&error.to_string()) => {
-                        tracing::warn!("{error}; packets still go to {current}");
-                    }
-                    (Err(_), Some(_)) => {}
-                    (Err(error), None) => retry.tell(&error, false),
-                }
-                thread::park_timeout(if self.current.is_some() { period } else { retry.back_off.wait() });
+/// Looks a host name up now, after each `period`, and when it is woken. If that fails, the last destination stays.
+fn look_up(
+    address: &Address,
+    resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
+    period: Duration,
+    mut destination: Input<Option<Destination>>,
+    woken: &Receiver<()>,
+) {
+    let (mut current, mut retry) = (None, Retry::default());
+    loop {
+        let found = choose(address, resolve(address), current).and_then(|receiver| {
+            if current != Some(receiver) {
+                destination.write(Some(open(address, receiver)?));
+                tracing::info!("link {address}: packets go to {receiver}");
+                current = Some(receiver);
             }
-        };
-        let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);
-        let thread = thread.map_err(|error| LinkError::no_thread(address, error))?;
-        Ok((thread.thread().clone(), link))
-    }
-
-    /// Takes the result of a look-up. On an error the current destination stays.
-    fn take(&mut self, found: io::Result<Vec<SocketAddr>>) -> Result<(), LinkError> {
-        let receiver = choose(&self.address, found, self.current)?;
-        if self.current != Some(receiver) {
-            self.destination.write(Some(Destination::new(&self.address, receiver)?));
-            tracing::info!("link {}: packets go to {receiver}", self.address);
-            self.current = Some(receiver);
+            Ok(())
+        });
+        match (found, current) {
+            (Ok(()), _) => retry = Retry::default(),
+            (Err(error), Some(current)) => retry.warn(&format!("{error}; packets still go to {current}")),
+            (Err(error), None) => retry.warn(&error),
         }
-        Ok(())
+        let wait = if current.is_some() { period } else { retry.back_off.wait() };
+        if woken.recv_timeout(wait) == Err(RecvTimeoutError::Disconnected) {
+            return;
+        }
     }
 }
 
@@ -214,10 +200,8 @@ fn is_nearby(address: IpAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::net::Ipv4Addr;
-
     use super::*;
-    use crate::link::testing::{PATIENCE, eventually};
+    use crate::link::testing::PATIENCE;
     use crate::skip::skip;
 
     const MESSAGE: &[u8] = b"message";
@@ -226,11 +210,20 @@ mod tests {
         UdpCarrier::open(&Address::new(address).unwrap(), Arc::default()).unwrap()
     }
 
-    /// A host name without an address yet, and the link to it.
-    fn host() -> (Host, UdpCarrier) {
-        let (input, destination) = TripleBuffer::default().split();
-        let host = Host { address: Address::new("head.local:5252").unwrap(), current: None, destination: input };
-        (host, UdpCarrier { destination, lookup: None, traffic: Arc::default(), refusal: None })
+    /// Answers look-ups: returns once the next one has begun.
+    type Answers = SyncSender<Vec<SocketAddr>>;
+
+    /// A link to a host name, and what answers its look-ups.
+    fn host() -> (UdpCarrier, Answers) {
+        let (answers, asked) = sync_channel(0);
+        let resolve = move |_: &Address| asked.recv().map_err(io::Error::other);
+        let address = Address::new("head.local:5252").unwrap();
+        (UdpCarrier::resolved_by(resolve, &address, Duration::from_millis(1), Arc::default()).unwrap(), answers)
+    }
+
+    /// Finds these addresses. When the second look-up has begun, the first one has had its effect.
+    fn find(answers: &Answers, found: &[SocketAddr]) {
+        (0..2).for_each(|_| answers.send(found.to_vec()).unwrap());
     }
 
     fn receiver(address: &str) -> UdpSocket {
@@ -300,53 +293,38 @@ mod tests {
     }
 
     #[test]
-    fn localhost_is_found_and_reached_by_ipv4_which_may_be_a_broadcast() {
+    fn localhost_is_reached_by_ipv4_which_may_be_a_broadcast() {
         let socket = receiver("127.0.0.1:0");
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
-        eventually("localhost resolves", || arrives(&mut link, &socket));
-        assert!(link.destination.read().as_ref().unwrap().socket.broadcast().unwrap());
+        crate::link::testing::eventually("localhost resolves", || arrives(&mut link, &socket));
+        assert!(link.destination.read().as_ref().unwrap().0.broadcast().unwrap());
     }
 
     #[test]
     fn packets_follow_a_host_name_to_its_new_address() {
         let [old, new] = ["127.0.0.1:0", "127.0.0.1:0"].map(receiver);
         let [old_address, new_address] = [&old, &new].map(|socket| socket.local_addr().unwrap());
-        let (mut host, mut link) = host();
+        let (mut link, answers) = host();
         // Another order of the same addresses changes nothing.
         for found in [[old_address, new_address], [new_address, old_address]] {
-            host.take(Ok(found.to_vec())).unwrap();
+            find(&answers, &found);
             assert!(arrives(&mut link, &old));
         }
-        host.take(Ok(vec![new_address])).unwrap();
+        find(&answers, &[new_address]);
         assert!(arrives(&mut link, &new) && !arrives(&mut link, &old));
     }
 
     #[test]
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
-        let (socket, (mut host, mut link)) = (receiver("127.0.0.1:0"), host());
-        host.take(Ok(vec![socket.local_addr().unwrap()])).unwrap();
-        for failure in [Ok(Vec::new()), Err(io::Error::other("no such host"))] {
-            assert!(host.take(failure).is_err());
+        let (socket, (mut link, answers)) = (receiver("127.0.0.1:0"), host());
+        find(&answers, &[]);
+        assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link) == [0, 1]);
+        for found in [&[socket.local_addr().unwrap()][..], &[]] {
+            find(&answers, found);
             assert!(arrives(&mut link, &socket) && link.is_open());
         }
-    }
-
-    #[test]
-    fn a_host_is_looked_up_again_and_again_until_the_link_ends_and_without_an_address_messages_are_dropped() {
-        for found in [None, Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 9)))] {
-            let ((host, mut link), (tell, told)) = (host(), std::sync::mpsc::channel());
-            let resolve = move |_: &Address| {
-                let _ = tell.send(());
-                found.map(|address| vec![address]).ok_or_else(|| io::Error::other("no such host"))
-            };
-            link.lookup = Some(host.start(Duration::from_millis(1), resolve).unwrap());
-            (0..3).for_each(|_| told.recv_timeout(PATIENCE).unwrap());
-            link.send(MESSAGE);
-            let is_sent = found.is_some();
-            assert_eq!((link.is_open(), counts(&link)), (is_sent, [is_sent.into(), (!is_sent).into()]));
-            drop(link);
-            // This would not return if the thread went on.
-            told.iter().for_each(drop);
-        }
+        drop(link);
+        // This would not end if the thread went on.
+        while answers.send(Vec::new()).is_ok() {}
     }
 }

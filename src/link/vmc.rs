@@ -14,7 +14,6 @@ use super::{Format, Output};
 use crate::config::VmcSettings;
 
 /// Messages of one frame.
-#[derive(Debug)]
 pub struct Vmc {
     /// The status "loaded, calibrated, in the normal mode": first with "not tracked", then with "tracked".
     ok: [Message; 2],

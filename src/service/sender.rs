@@ -32,7 +32,6 @@ const STOPPING_PACKETS: usize = 3;
 /// Longest sleep of a replay. It bounds how late a signal is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-#[derive(Debug)]
 pub(super) struct SenderSettings {
     pub(super) failsafe: FailsafeSettings,
     pub(super) rate_hz: u32,
@@ -112,7 +111,6 @@ const LOOK: Duration = Duration::from_millis(5);
 
 /// Links in the order of their settings. One whose format and receiver stay the same in a reload is carried over with its
 /// open port and its packet numbers. In a change that a reload prepares, a link is `None` if the sender has it.
-#[derive(Debug)]
 pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
 
 impl Links {

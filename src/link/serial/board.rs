@@ -59,7 +59,6 @@ pub fn restarts_board(device: &Path, class: &Path) -> bool {
     is_arduino || name.contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
 
-#[derive(Debug)]
 pub struct PortSearch {
     device: SerialDevice,
     wanted: AutoDevice,

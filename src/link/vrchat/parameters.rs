@@ -33,7 +33,7 @@ macro_rules! face {
             right: Side,
             /// Turn of the head to the right, down and to the left shoulder, as parts of 90 degrees.
             head: [f32; 3],
-            is_tracked: bool,
+            pub is_tracked: bool,
         }
 
         impl Face {
@@ -68,12 +68,16 @@ impl Face {
     fn suck_upper(&self, side: &Side) -> f32 {
         self.roll_upper.min(1.0 - side.upper_up.max(0.0).powf(1.0 / 6.0))
     }
-}
 
-#[derive(Debug, Clone, Copy)]
-pub struct Formula {
-    of: Of,
-    value: fn(&Face, &Side) -> f32,
+    pub fn eyes_closed(&self) -> f32 {
+        mean(self.left.blink, self.right.blink)
+    }
+
+    /// Pitch and yaw of the left and of the right eye, degrees down and to the right.
+    pub fn eye_angles_deg(&self) -> [f32; 4] {
+        let ([left_x, left_y], [right_x, right_y]) = (self.left.look, self.right.look);
+        [-left_y, left_x, -right_y, right_x].map(|part| (part * FULL_GAZE).to_degrees() + 0.0)
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -83,46 +87,34 @@ enum Of {
     Both,
 }
 
-impl Formula {
-    pub const IS_TRACKED: Self = Self { of: Of::Both, value: |f, _| f.is_tracked.into() };
-    pub const EYES_CLOSED: Self = Self { of: Of::Both, value: |_, s| s.blink };
-    /// Pitch and yaw of the left and of the right eye, degrees down and to the right.
-    pub const EYE_ANGLES_DEG: [Self; 4] = [
-        Self { of: Of::Left, value: |_, s| 0.0 - (s.look[1] * FULL_GAZE).to_degrees() },
-        Self { of: Of::Left, value: |_, s| (s.look[0] * FULL_GAZE).to_degrees() },
-        Self { of: Of::Right, value: |_, s| 0.0 - (s.look[1] * FULL_GAZE).to_degrees() },
-        Self { of: Of::Right, value: |_, s| (s.look[0] * FULL_GAZE).to_degrees() },
-    ];
-
-    /// The value of the parameter, from -1 to 1.
-    pub fn value(self, face: &Face) -> f32 {
-        let Self { of, value } = self;
-        match of {
-            Of::Left => value(face, &face.left),
-            Of::Right => value(face, &face.right),
-            Of::Both => mean(value(face, &face.left), value(face, &face.right)),
-        }
-    }
-}
-
 fn mean(a: f32, b: f32) -> f32 {
     0.5 * (a + b)
 }
 
-#[derive(Debug)]
 pub struct Parameter {
     /// Its name after `v2/`.
     pub name: String,
     pub group: Group,
-    pub formula: Formula,
+    of: Of,
+    formula: fn(&Face, &Side) -> f32,
+}
+
+impl Parameter {
+    /// The value of the parameter, from -1 to 1.
+    pub fn value(&self, face: &Face) -> f32 {
+        match self.of {
+            Of::Left => (self.formula)(face, &face.left),
+            Of::Right => (self.formula)(face, &face.right),
+            Of::Both => mean((self.formula)(face, &face.left), (self.formula)(face, &face.right)),
+        }
+    }
 }
 
 pub static PARAMETERS: LazyLock<Vec<Parameter>> = LazyLock::new(|| {
     let mut parameters = Vec::new();
-    for (names, endings, value) in ROWS {
+    for (names, endings, formula) in ROWS {
         for (ending, of, group) in *endings {
-            let formula = Formula { of: *of, value: *value };
-            let named = |name| Parameter { name: format!("{name}{ending}"), group: *group, formula };
+            let named = |name| Parameter { name: format!("{name}{ending}"), group: *group, of: *of, formula: *formula };
             parameters.extend(names.iter().map(named));
         }
     }

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::config::LinkSettings;
-use crate::link::{Pace, Sent};
+use crate::link::Pace;
 
 const MS: u64 = 1000;
 const FRAME_US: u64 = 33_333;
@@ -215,18 +215,19 @@ fn a_clock_that_stands_still_or_steps_back_only_delays() {
 #[test]
 fn packets_come_at_least_10_times_per_second_whatever_the_settings_and_the_camera_are() {
     let patient = FailsafeSettings { live_ms: 5000, hold_ms: 10_000, neutral_ms: 60_000, slew_per_s: 0.1 };
-    let pace = Pace::new(&LinkSettings::default(), 10);
+    let link = LinkSettings::default();
     for (settings, frame_period_us) in [(patient, FRAME_US), (SETTINGS, 1_000_000)] {
         let mut run = Run::live(&all(1.0));
         run.failsafe = Failsafe::new(&settings, frame_period_us);
-        let (mut sent, mut silent_us, mut output) = (None::<Sent>, 0, run.news(None));
+        let (mut pace, mut output) = (Pace::default(), run.news(None));
+        let (mut wait_us, mut silent_us) = (0, 0);
         for _ in 0..1000 {
-            let wait_us = pace.wait_us(sent.as_ref(), run.now_us, &output).min(run.failsafe.wait_us(&run.history));
+            wait_us = run.failsafe.wait_us(&run.history).min(wait_us);
             output = run.wait(wait_us);
             silent_us += wait_us;
-            if pace.is_due(sent.as_ref(), run.now_us, &output) {
-                (sent, silent_us) = (Some(pace.sent(sent.as_ref(), run.now_us, &output)), 0);
-            }
+            let (is_due, left_us) = pace.step(&link, 10, run.now_us, &output);
+            wait_us = left_us;
+            silent_us = if is_due { 0 } else { silent_us };
             assert!(silent_us <= 100 * MS, "{silent_us}, {:?}", output.state);
         }
         assert_eq!(output.state, State::Neutral);

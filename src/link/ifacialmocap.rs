@@ -11,7 +11,6 @@
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write as _};
-use std::mem;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -20,7 +19,7 @@ use facewire_packet::BLENDSHAPES;
 use super::angles::{Angles, Gaze};
 use super::background::Device;
 use super::udp::socket_for;
-use super::{Format, LinkError, LinkErrorKind, Output};
+use super::{Encoder, LinkError, LinkErrorKind, Output};
 use crate::config::IFacialMocapSettings;
 
 /// Longest text, bytes.
@@ -34,48 +33,38 @@ const MOST_AT_ONCE: usize = 1000;
 const MOST: usize = 8;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 const RECENT: Duration = Duration::from_mins(1);
-const CHECK_PERIOD: Duration = Duration::from_millis(500);
-/// A receiver that this many checks in a row found away is dropped.
-const MOST_CHECKS_AWAY: u32 = 6;
+/// While a receiver is away, the system reports it at least this often: with every second datagram.
+const REPORT_PERIOD: Duration = Duration::from_millis(500);
+/// How long a receiver may be away before it is dropped.
+const LONGEST_AWAY: Duration = Duration::from_secs(3);
 /// Most lines of the log in a period. The last of them says that the log will be silent.
 const MOST_LINES: u32 = 20;
 const LOG_PERIOD: Duration = Duration::from_mins(10);
 
-pub struct IFacialMocap {
-    /// The names of the blendshapes, each with the character that follows it.
-    names: Vec<String>,
-    text: Vec<u8>,
-}
-
-impl IFacialMocap {
-    pub fn new(settings: &IFacialMocapSettings) -> Self {
-        let separator = char::from(separator(settings.version));
-        let names = BLENDSHAPES.iter().map(|name| format!("{}{separator}", short(name))).collect();
-        Self { names, text: Vec::with_capacity(LONGEST) }
-    }
-
-    fn write(&mut self, output: &Output, gaze: Gaze) -> io::Result<()> {
-        let text = &mut self.text;
+pub fn encoder(settings: &IFacialMocapSettings) -> Encoder {
+    let separator = char::from(separator(settings.version));
+    let names = BLENDSHAPES.map(|name| format!("{}{separator}", short(name)));
+    let mut text = Vec::with_capacity(LONGEST);
+    Box::new(move |output, gaze, _sequence, send| {
         text.clear();
-        for (name, value) in self.names.iter().zip(output.pose.coefficients) {
-            write!(text, "{name}{:.0}|", 100.0 * value)?;
+        if write(&mut text, &names, output, gaze).is_ok() {
+            send(&text);
         }
-        let [right_mm, down_mm, away_mm] = output.pose.position_mm;
-        let [x, y, z] = [right_mm, 0.0 - down_mm, 0.0 - away_mm].map(|mm| 0.001 * mm);
-        write_angles(text, "=head", Angles::of(output.pose.rotation))?;
-        write!(text, ",{x:.4},{y:.4},{z:.4}")?;
-        write_angles(text, "|rightEye", gaze.right)?;
-        write_angles(text, "|leftEye", gaze.left)?;
-        text.write_all(b"|")
-    }
+    })
 }
 
-impl Format for IFacialMocap {
-    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        if self.write(output, gaze).is_ok() {
-            send(&self.text);
-        }
+/// Writes a datagram. `names` are those of the blendshapes, each with the character that follows it.
+fn write(text: &mut Vec<u8>, names: &[String], output: &Output, gaze: Gaze) -> io::Result<()> {
+    for (name, value) in names.iter().zip(output.pose.coefficients) {
+        write!(text, "{name}{:.0}|", 100.0 * value)?;
     }
+    let [right_mm, down_mm, away_mm] = output.pose.position_mm;
+    let [x, y, z] = [right_mm, 0.0 - down_mm, 0.0 - away_mm].map(|mm| 0.001 * mm);
+    write_angles(text, "=head", Angles::of(output.pose.rotation))?;
+    write!(text, ",{x:.4},{y:.4},{z:.4}")?;
+    write_angles(text, "|rightEye", gaze.right)?;
+    write_angles(text, "|leftEye", gaze.left)?;
+    text.write_all(b"|")
 }
 
 fn write_angles(text: &mut Vec<u8>, name: &str, angles: Angles) -> io::Result<()> {
@@ -131,9 +120,9 @@ struct Subscriber {
     socket: UdpSocket,
     version: u32,
     asked: Instant,
-    /// Whether the system has reported since the last check that the receiver is away.
-    is_refused: bool,
-    checks_away: u32,
+    /// When the system last reported that the receiver is away, and since when it has reported that again and again.
+    refused: Instant,
+    away_since: Instant,
 }
 
 /// Datagrams to those who asked for them.
@@ -142,7 +131,6 @@ pub struct Server {
     /// The port to which the stream goes; 0 for the one that the request came from.
     reply_port: u16,
     subscribers: Vec<Subscriber>,
-    checked: Instant,
     changed: Vec<u8>,
     /// When the present period of the log began, and how many lines it got since then. Anybody can send requests, also in
     /// the name of others, so their number is limited.
@@ -162,13 +150,7 @@ impl Device for Server {
     }
 
     fn write(&mut self, _: &mut UdpSocket, text: &[u8]) -> Result<bool, LinkError> {
-        let mut is_sent = false;
-        for Subscriber { socket, version, is_refused, .. } in &mut self.subscribers {
-            let sent = socket.send(in_version(*version, text, &mut self.changed));
-            *is_refused |= sent.as_ref().is_err_and(|error| error.kind() != ErrorKind::WouldBlock);
-            is_sent |= sent.is_ok();
-        }
-        Ok(is_sent)
+        Ok(self.show(text, Instant::now()))
     }
 
     fn attend(&mut self, socket: &mut UdpSocket) -> Result<(), LinkError> {
@@ -184,9 +166,6 @@ impl Device for Server {
                 Err(error) => return Err(LinkError::no_listener(self.listen, error)),
             }
         }
-        if now.saturating_duration_since(self.checked) >= CHECK_PERIOD {
-            self.check(now);
-        }
         Ok(())
     }
 
@@ -198,8 +177,8 @@ impl Device for Server {
 impl Server {
     pub fn new(listen: SocketAddr, reply_port: u32) -> Self {
         let (reply_port, now) = (u16::try_from(reply_port).unwrap_or_default(), Instant::now());
-        let (subscribers, changed) = (Vec::with_capacity(MOST), Vec::with_capacity(LONGEST));
-        Self { listen, reply_port, subscribers, checked: now, changed, log_period: (now, 0) }
+        let (subscribers, changed, log_period) = (Vec::with_capacity(MOST), Vec::with_capacity(LONGEST), (now, 0));
+        Self { listen, reply_port, subscribers, changed, log_period }
     }
 
     /// Gives a receiver that asks at `now` a place, if one is free or the oldest request is not recent.
@@ -223,18 +202,29 @@ impl Server {
         };
         self.log(now, format_args!("{address} asks for the face and gets it"));
         replaced.map(|index| self.subscribers.remove(index));
-        self.subscribers.push(Subscriber { address, socket, version, asked: now, is_refused: false, checks_away: 0 });
+        self.subscribers.push(Subscriber { address, socket, version, asked: now, refused: now, away_since: now });
     }
 
-    fn check(&mut self, now: Instant) {
-        self.checked = now;
+    /// Sends the text to all receivers, and drops those that are away. Returns whether it reached the network.
+    fn show(&mut self, text: &[u8], now: Instant) -> bool {
+        let mut is_sent = false;
         for it in &mut self.subscribers {
-            it.checks_away = if mem::take(&mut it.is_refused) { it.checks_away + 1 } else { 0 };
+            match it.socket.send(in_version(it.version, text, &mut self.changed)) {
+                Ok(_) => is_sent = true,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(_) => {
+                    if now.saturating_duration_since(it.refused) > REPORT_PERIOD {
+                        it.away_since = now;
+                    }
+                    it.refused = now;
+                }
+            }
         }
-        let is_away = |it: &mut Subscriber| it.checks_away >= MOST_CHECKS_AWAY;
+        let is_away = |it: &mut Subscriber| it.refused.saturating_duration_since(it.away_since) >= LONGEST_AWAY;
         for Subscriber { address, .. } in self.subscribers.extract_if(.., is_away).collect::<Vec<_>>() {
             self.log(now, format_args!("{address} is away, and no longer gets the face"));
         }
+        is_sent
     }
 
     /// Writes a line about a receiver, unless the log got its share of this period.
@@ -276,8 +266,8 @@ mod tests {
         let look = [("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0), ("mouthSmileRight", 0.126), ("jawLeft", 1.0)];
         let mut output = face(&look);
         (output.pose.rotation, output.pose.position_mm) = (LEFT, [100.0, 50.0, 600.0]);
-        let mut format = IFacialMocap::new(&IFacialMocapSettings::default());
-        let mut text = |output: &Output| String::from_utf8(encoded(&mut format, output).concat()).unwrap();
+        let mut encoder = encoder(&IFacialMocapSettings::default());
+        let mut text = |output: &Output| String::from_utf8(encoded(&mut encoder, output).concat()).unwrap();
         let frame = text(&output);
         let end =
             "|=head#0.000,30.000,0.000,0.1000,-0.0500,-0.6000|rightEye#0.000,35.000,0.000|leftEye#35.000,0.000,0.000|";
@@ -316,12 +306,13 @@ mod tests {
     struct Served {
         server: Server,
         socket: UdpSocket,
+        now: Instant,
     }
 
     impl Served {
         fn new() -> Self {
             let mut server = Server::new(port(0), 0);
-            Self { socket: server.open().unwrap(), server }
+            Self { socket: server.open().unwrap(), server, now: Instant::now() }
         }
 
         fn gets(&self, ending: &str, from: &UdpSocket) {
@@ -333,7 +324,7 @@ mod tests {
             let mut bytes = [0; 100];
             while socket.recv(&mut bytes).is_ok() {}
             self.server.attend(&mut self.socket).unwrap();
-            self.server.write(&mut self.socket, FACE).unwrap();
+            self.server.show(FACE, self.now);
             let length = socket.recv(&mut bytes).unwrap_or_default();
             bytes[..length].to_vec()
         }
@@ -348,17 +339,23 @@ mod tests {
         assert_eq!([served.face_at(&leaves), served.face_at(&stays)], [FACE_1, FACE]);
         served.gets("", &stays);
         drop(leaves);
-        for check in 1..=MOST_CHECKS_AWAY {
-            // The system reports with the second datagram that nobody took the first. The last request of `stays` counts.
-            assert_eq!([(); 2].map(|()| served.face_at(&stays)), [FACE_1; 2]);
-            served.server.check(Instant::now());
-            assert_eq!(served.server.subscribers.len(), if check < MOST_CHECKS_AWAY { 2 } else { 1 });
+        // The system reports with every second datagram that nobody took the one before it.
+        let begun = Instant::now();
+        for ms in (0..4000).step_by(200) {
+            served.now = begun + Duration::from_millis(ms);
+            assert_eq!(served.face_at(&stays), FACE_1, "the last request counts");
+            let is_dropped = served.server.subscribers.len() == 1;
+            assert!(if ms < 3000 { !is_dropped } else { is_dropped || ms < 3400 }, "{ms}");
         }
-        assert_eq!((served.face_at(&stays), served.server.has_receiver()), (FACE_1.to_vec(), true));
         drop(stays);
-        for _ in 0..MOST_CHECKS_AWAY {
-            let _ = [(); 2].map(|()| served.face_at(&receiver()));
-            served.server.check(Instant::now());
+        for second in 4..10 {
+            served.now = begun + Duration::from_secs(second);
+            served.face_at(&receiver());
+        }
+        assert!(served.server.has_receiver(), "reports that are far apart may be lost datagrams");
+        for ms in (10_000..14_000).step_by(100) {
+            served.now = begun + Duration::from_millis(ms);
+            served.face_at(&receiver());
         }
         assert!(!served.server.has_receiver(), "nobody is left");
     }

@@ -6,7 +6,6 @@
 //! [`LONGEST_WAIT`] is disconnected; it delays no other.
 
 use std::io::{self, ErrorKind, Write as _};
-use std::mem;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -18,7 +17,7 @@ use serde::{Serialize, Serializer};
 
 use super::angles::{Angles, Gaze};
 use super::background::Device;
-use super::{Format, LinkError, LinkErrorKind, Output};
+use super::{Encoder, LinkError, LinkErrorKind, Output};
 use crate::config::Listen;
 use crate::listener::Listener;
 
@@ -29,7 +28,16 @@ const MOST_CLIENTS: usize = 8;
 const MOST_AT_ONCE: usize = 16;
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
-pub struct JsonLines(Vec<u8>);
+pub fn encoder() -> Encoder {
+    let mut line = Vec::with_capacity(LONGEST);
+    Box::new(move |output, gaze, sequence, send| {
+        line.clear();
+        if write(&mut line, output, gaze, sequence).is_ok() {
+            line.push(b'\n');
+            send(&line);
+        }
+    })
+}
 
 #[derive(Serialize)]
 struct Head {
@@ -40,48 +48,31 @@ struct Head {
     position_mm: [f64; 3],
 }
 
-impl JsonLines {
-    pub fn new() -> Self {
-        Self(Vec::with_capacity(LONGEST))
-    }
-
-    fn write(&mut self, output: &Output, gaze: Gaze, sequence: u32) -> serde_json::Result<()> {
-        let Output { state, reason, pose, age_us, capture_us, .. } = output;
-        self.0.clear();
-        let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
-        let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
-        let rotation_xyzw = head.rotation_xyzw.map(|part| rounded(part, 1e5));
-        let position_mm = head.position_mm.map(|mm| rounded(mm, 1e1));
-        let eye = |Angles { yaw, pitch, .. }: Angles| {
-            let angles = [("yaw_deg", yaw), ("pitch_deg", pitch)];
-            Object(angles.map(|(name, angle)| (name, rounded(angle.to_degrees(), 1e2))).into_iter())
-        };
-        let mut serializer = serde_json::Serializer::new(&mut self.0);
-        let mut line = serializer.serialize_map(None)?;
-        line.serialize_entry("sequence", &sequence)?;
-        line.serialize_entry("state", state.name())?;
-        line.serialize_entry("reason", reason.name())?;
-        line.serialize_entry("neutral_face", pose.neutral_face.name())?;
-        line.serialize_entry("age_ms", &(*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0))?;
-        line.serialize_entry("capture_us", capture_us)?;
-        line.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
-        let eyes = [("left", eye(gaze.left)), ("right", eye(gaze.right))];
-        line.serialize_entry("gaze", &Object(eyes.into_iter()))?;
-        let coefficients = pose.coefficients.map(|value| rounded(value, 1e4));
-        line.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
-        line.end()
-    }
+fn write(line: &mut Vec<u8>, output: &Output, gaze: Gaze, sequence: u32) -> serde_json::Result<()> {
+    let Output { state, reason, pose, age_us, capture_us, .. } = output;
+    let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
+    let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
+    let rotation_xyzw = head.rotation_xyzw.map(|part| rounded(part, 1e5));
+    let position_mm = head.position_mm.map(|mm| rounded(mm, 1e1));
+    let eye = |Angles { yaw, pitch, .. }: Angles| {
+        let angles = [("yaw_deg", yaw), ("pitch_deg", pitch)];
+        Object(angles.map(|(name, angle)| (name, rounded(angle.to_degrees(), 1e2))).into_iter())
+    };
+    let mut serializer = serde_json::Serializer::new(line);
+    let mut object = serializer.serialize_map(None)?;
+    object.serialize_entry("sequence", &sequence)?;
+    object.serialize_entry("state", state.name())?;
+    object.serialize_entry("reason", reason.name())?;
+    object.serialize_entry("neutral_face", pose.neutral_face.name())?;
+    object.serialize_entry("age_ms", &(*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0))?;
+    object.serialize_entry("capture_us", capture_us)?;
+    object.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
+    let eyes = [("left", eye(gaze.left)), ("right", eye(gaze.right))];
+    object.serialize_entry("gaze", &Object(eyes.into_iter()))?;
+    let coefficients = pose.coefficients.map(|value| rounded(value, 1e4));
+    object.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
+    object.end()
 }
-
-impl Format for JsonLines {
-    fn encode(&mut self, output: &Output, gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        if self.write(output, gaze, sequence).is_ok() {
-            self.0.push(b'\n');
-            send(&self.0);
-        }
-    }
-}
-
 #[derive(Clone)]
 struct Object<I>(I);
 
@@ -167,24 +158,23 @@ impl Client {
     /// Writes the line, unless the client is still behind with an earlier one. Fails if the client has left, or takes
     /// nothing for too long.
     fn write(&mut self, line: &[u8]) -> io::Result<()> {
-        let rest = mem::take(&mut self.rest);
-        for (bytes, has_begun) in [(rest.as_slice(), true), (line, false)] {
-            if bytes.is_empty() || !self.rest.is_empty() {
-                continue;
-            }
-            match self.stream.write(bytes) {
-                Ok(count) => {
-                    self.took = Instant::now();
-                    self.rest = bytes.get(count..).unwrap_or_default().to_vec();
-                }
-                // The client misses a line of which it took nothing.
-                Err(error) if error.kind() == ErrorKind::WouldBlock && self.took.elapsed() <= LONGEST_WAIT => {
-                    self.rest = if has_begun { bytes.to_vec() } else { Vec::new() };
-                }
-                Err(error) => return Err(error),
-            }
+        let is_behind = !self.rest.is_empty();
+        if !is_behind {
+            self.rest.extend_from_slice(line);
         }
-        Ok(())
+        match self.stream.write(&self.rest) {
+            Ok(count) => {
+                self.took = Instant::now();
+                self.rest.drain(..count);
+            }
+            Err(error) if error.kind() != ErrorKind::WouldBlock || self.took.elapsed() > LONGEST_WAIT => {
+                return Err(error);
+            }
+            // The client misses a line of which it took nothing.
+            Err(_) if !is_behind => self.rest.clear(),
+            Err(_) => {}
+        }
+        if is_behind && self.rest.is_empty() { self.write(line) } else { Ok(()) }
     }
 }
 
@@ -204,7 +194,7 @@ mod tests {
         let mut output = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
         output = Output { pose: output.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
         (output.pose.rotation, output.pose.position_mm) = (LEFT, [10.04, -20.0, 600.0]);
-        let line = |output: &Output| encoded(&mut JsonLines::new(), output).concat();
+        let line = |output: &Output| encoded(&mut encoder(), output).concat();
         let value = |output: &Output| serde_json::from_slice::<Value>(&line(output)).unwrap();
         let mut found = value(&output);
         let coefficients = found["coefficients"].take();

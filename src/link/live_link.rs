@@ -6,8 +6,8 @@
 
 use facewire_packet::State;
 
-use super::angles::{Angles, Gaze};
-use super::{Format, Output};
+use super::angles::Angles;
+use super::{Encoder, Output};
 use crate::config::LiveLinkSettings;
 
 const VERSION: u8 = 6;
@@ -32,48 +32,33 @@ pub fn note(settings: &LiveLinkSettings) -> Option<String> {
     (bytes != USUAL_BYTES).then_some(sentence)
 }
 
-pub struct LiveLink {
-    /// The datagram. Its beginning, up to the subject's name, stays the same.
-    bytes: Vec<u8>,
-    names_end: usize,
-    swap_mouth: bool,
-    neutral_left: u8,
-}
-
-impl LiveLink {
-    pub fn new(settings: &LiveLinkSettings) -> Self {
-        let names = [settings.device_id.as_str(), settings.subject.as_str()];
-        let mut bytes = Vec::with_capacity(FIXED_BYTES + names.iter().map(|name| name.len()).sum::<usize>());
-        bytes.push(VERSION);
-        for name in names {
-            bytes.extend_from_slice(&u32::try_from(name.len()).unwrap_or(u32::MAX).to_be_bytes());
-            bytes.extend_from_slice(name.as_bytes());
-        }
-        let (names_end, swap_mouth) = (bytes.len(), settings.swap_mouth);
-        Self { bytes, names_end, swap_mouth, neutral_left: NEUTRAL_FACES }
+pub fn encoder(settings: &LiveLinkSettings) -> Encoder {
+    let mut bytes = vec![VERSION];
+    for name in [&settings.device_id, &settings.subject] {
+        bytes.extend_from_slice(&u32::try_from(name.len()).unwrap_or(u32::MAX).to_be_bytes());
+        bytes.extend_from_slice(name.as_bytes());
     }
-}
-
-impl Format for LiveLink {
-    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        self.bytes.truncate(self.names_end);
+    bytes.reserve(FIXED_BYTES);
+    let (names_end, swap_mouth, mut neutral_left) = (bytes.len(), settings.swap_mouth, NEUTRAL_FACES);
+    Box::new(move |output, gaze, _sequence, send| {
+        bytes.truncate(names_end);
         let is_neutral = output.state == State::Neutral;
-        if !is_neutral || self.neutral_left > 0 {
+        if !is_neutral || neutral_left > 0 {
             let (frame, part) = frame_time(output);
             let time = [frame.to_be_bytes(), part.to_be_bytes(), FRAMES_PER_S.to_be_bytes(), 1_i32.to_be_bytes()];
-            self.bytes.extend_from_slice(time.as_flattened());
-            self.bytes.push(VALUES);
+            bytes.extend_from_slice(time.as_flattened());
+            bytes.push(VALUES);
             let mut coefficients = output.pose.coefficients;
-            if self.swap_mouth {
+            if swap_mouth {
                 coefficients.swap(MOUTH_LEFT, MOUTH_LEFT + 1);
             }
             let angles = [Angles::of(output.pose.rotation), gaze.left, gaze.right].map(Angles::reversed);
             let values = coefficients.iter().chain(angles.as_flattened());
-            self.bytes.extend(values.flat_map(|value| value.to_be_bytes()));
+            bytes.extend(values.flat_map(|value| value.to_be_bytes()));
         }
-        self.neutral_left = if is_neutral { self.neutral_left.saturating_sub(1) } else { NEUTRAL_FACES };
-        send(&self.bytes);
-    }
+        neutral_left = if is_neutral { neutral_left.saturating_sub(1) } else { NEUTRAL_FACES };
+        send(&bytes);
+    })
 }
 
 /// Returns the moment of the output on the monotonic clock, in frames and parts of a frame.
@@ -97,10 +82,10 @@ mod tests {
     /// Frame 1002 (16.7 s), sub-frame 0, 60/1 frames a second, 61 values.
     const TIME: &[u8] = b"\0\0\x03\xea\0\0\0\0\0\0\0\x3c\0\0\0\x01\x3d";
 
-    fn open(keys: &str) -> LiveLink {
+    fn open(keys: &str) -> Encoder {
         let keys = format!("subject = \"face\"\n{keys}");
         let LinkKind::LiveLink(settings) = kind("live-link", &keys) else { unreachable!() };
-        LiveLink::new(&settings)
+        encoder(&settings)
     }
 
     /// Returns the length of a datagram, what is before its values, and its values.
@@ -123,7 +108,7 @@ mod tests {
 
     #[test]
     fn the_default_names_make_datagrams_of_312_bytes_and_check_tells_of_others() {
-        let bytes = encoded(&mut LiveLink::new(&LiveLinkSettings::default()), &face(&[])).concat();
+        let bytes = encoded(&mut encoder(&LiveLinkSettings::default()), &face(&[])).concat();
         assert_eq!((bytes.len(), note(&LiveLinkSettings::default())), (312, None));
         let settings = parse("test", "[[link]]\nkind = \"live-link\"\nsubject = \"facewire\"\n").unwrap();
         let notes = crate::link::notes(&settings).concat();

@@ -8,8 +8,7 @@
 
 use std::time::Instant;
 
-use super::angles::Gaze;
-use super::{Format, Inquiry, Output, packet};
+use super::{Encoder, Inquiry, packet};
 use crate::config::{MaestroProtocol, MaestroSettings};
 use crate::servo::{Board, Channel};
 
@@ -124,69 +123,54 @@ fn errors(answer: &[u8]) -> Vec<&'static str> {
     ERRORS.into_iter().enumerate().filter(|(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error).collect()
 }
 
-pub struct Maestro {
-    settings: MaestroSettings,
-    board: Board,
-    message: Vec<u8>,
-}
-
-impl Maestro {
-    pub fn new(settings: &MaestroSettings) -> Self {
-        let message = Vec::with_capacity(settings.channels.len() * COMMAND_BYTES);
-        Self { settings: settings.clone(), board: Board::new(&settings.channels), message }
-    }
-
-    fn limits(&self, out: &mut Vec<u8>) {
-        for channel in self.board.channels() {
-            let (span_us, limits) = (channel.span_us(), channel.limits);
-            let speed = speed(limits.speed_per_s * span_us);
-            let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
-            for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
-                let [low, high] = data(limit);
-                Protocol::new(&self.settings).write(out, code, [channel.number, low, high]);
-            }
+fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
+    for channel in Board::new(&settings.channels).channels() {
+        let (span_us, limits) = (channel.span_us(), channel.limits);
+        let speed = speed(limits.speed_per_s * span_us);
+        let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
+        for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
+            let [low, high] = data(limit);
+            Protocol::new(settings).write(out, code, [channel.number, low, high]);
         }
     }
 }
 
-impl Format for Maestro {
-    fn encode(&mut self, output: &Output, _gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let Self { settings, board, message } = self;
-        let protocol = Protocol::new(settings);
+/// Returns the preamble of the line, and what to ask again and again.
+///
+/// The preamble begins with the question for errors in the Pololu protocol, whatever the protocol of the link is. The
+/// question clears old errors, and from its first byte a Maestro detects the baud rate if it is set to do so. The answer
+/// is discarded.
+pub fn dialogue(settings: &MaestroSettings) -> (Vec<u8>, Option<Inquiry>) {
+    let (mut preamble, mut question) = (Vec::new(), Vec::new());
+    Protocol::pololu(settings).write(&mut preamble, Code::GetErrors, []);
+    write_limits(settings, &mut preamble);
+    write_limits(settings, &mut question);
+    if settings.read_errors {
+        Protocol::new(settings).write(&mut question, Code::GetErrors, []);
+    }
+    let answer_bytes = if settings.read_errors { ANSWER_BYTES } else { 0 };
+    (preamble, Some(Inquiry { question, answer_bytes, troubles: errors, silence: SILENCE }))
+}
+
+pub fn encoder(settings: &MaestroSettings) -> Encoder {
+    let (mut board, protocol) = (Board::new(&settings.channels), Protocol::new(settings));
+    let (multiple_targets, mut message) =
+        (settings.multiple_targets, Vec::with_capacity(settings.channels.len() * COMMAND_BYTES));
+    Box::new(move |output, _gaze, _sequence, send| {
         message.clear();
         // One command sets neighbours if it may set several, otherwise each channel has its own.
-        let is_next = |a: &Channel, b: &Channel| settings.multiple_targets && a.number.checked_add(1) == Some(b.number);
+        let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
         for block in board.follow(&packet(output, 0), Instant::now()).chunk_by(is_next) {
             let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
             let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
             if count == 1 {
-                protocol.write(message, Code::SetTarget, [first].into_iter().chain(targets));
+                protocol.write(&mut message, Code::SetTarget, [first].into_iter().chain(targets));
             } else {
-                protocol.write(message, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
+                protocol.write(&mut message, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
             }
         }
-        send(message);
-    }
-
-    /// Begins with the question for errors in the Pololu protocol, whatever the protocol of the link is. The question
-    /// clears old errors, and from its first byte a Maestro detects the baud rate if it is set to do so. The answer is
-    /// discarded.
-    fn preamble(&self) -> Vec<u8> {
-        let mut out = Vec::new();
-        Protocol::pololu(&self.settings).write(&mut out, Code::GetErrors, []);
-        self.limits(&mut out);
-        out
-    }
-
-    fn inquiry(&self) -> Option<Inquiry> {
-        let mut question = Vec::new();
-        self.limits(&mut question);
-        if self.settings.read_errors {
-            Protocol::new(&self.settings).write(&mut question, Code::GetErrors, []);
-        }
-        let answer_bytes = if self.settings.read_errors { ANSWER_BYTES } else { 0 };
-        Some(Inquiry { question, answer_bytes, troubles: errors, silence: SILENCE })
-    }
+        send(&message);
+    })
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Links: where the face is sent, in which format, and when.
 //!
-//! Role: a [`Link`] joins a [`Format`] (the bytes of an output), a [`Pace`] (when an output is due) and a [`Carrier`]
-//! (how bytes reach the receiver).
+//! Role: a [`Link`] joins an [`Encoder`] (the bytes of an output), a [`Pace`] (when an output is due) and what carries the
+//! bytes to the receiver: datagrams, or a device with a thread of its own.
 //! Contract: an open link never fails, blocks, allocates or logs on the caller's thread. It counts what it could not
 //! send, because a receiver may appear and disappear at any time. No link waits for another.
 //! Limits: nothing is queued or sent again, because the next packet is newer.
@@ -32,11 +32,7 @@ use facewire_packet::Packet;
 use self::angles::Gaze;
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
-use self::ifacialmocap::IFacialMocap;
 pub use self::ifacialmocap::request as ifacialmocap_request;
-use self::json::{JsonLines, Stdout};
-use self::live_link::LiveLink;
-use self::maestro::Maestro;
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
@@ -44,26 +40,12 @@ pub use self::output::{Output, Pace, Pose};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use self::vmc::Vmc;
-use self::vrchat::Vrchat;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings};
 
-pub trait Format: Send {
-    /// Encodes the output as the link's packet number `sequence`, in memory that was taken when the link was opened, and
-    /// calls `send` once for each message. The output is as the settings of the link want it: adjusted, and held or
-    /// neutral while no face is followed.
-    fn encode(&mut self, output: &Output, gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8]));
-
-    /// The bytes to write to a serial port that has just been opened.
-    fn preamble(&self) -> Vec<u8> {
-        Vec::new()
-    }
-
-    /// What to ask the receiver on a serial port about once a second.
-    fn inquiry(&self) -> Option<Inquiry> {
-        None
-    }
-}
+/// Encodes an output as the link's packet of this number, in memory that was taken when the link was opened, and calls the
+/// last argument once for each message. The output is as the settings of the link want it: adjusted, and held or neutral
+/// while no face is followed.
+type Encoder = Box<dyn FnMut(&Output, Gaze, u32, &mut dyn FnMut(&[u8])) + Send>;
 
 /// A question to a receiver on a serial port, and what its answer means.
 #[derive(Debug, Clone)]
@@ -93,7 +75,7 @@ pub struct Rates {
 }
 
 pub struct Link {
-    format: Box<dyn Format>,
+    encoder: Encoder,
     udp: Option<UdpCarrier>,
     /// What may block. A link to receivers that ask for the face can have both.
     device: Option<Background>,
@@ -144,12 +126,17 @@ impl Link {
     /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
     /// again until they succeed.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let (format, counters) = (format_of(&settings.kind), || Arc::clone(traffic));
+        let counters = || Arc::clone(traffic);
         let (mut udp, mut device) = (None, None);
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp = Some(UdpCarrier::open(address, counters())?),
             CarrierSettings::Serial { device: port, baud, auto } => {
-                device = Some(serial_carrier(port, baud, auto, (format.preamble(), format.inquiry()), counters())?);
+                let dialogue = match &settings.kind {
+                    LinkKind::Maestro(it) => maestro::dialogue(it),
+                    // The end of a frame separates the first frame from leftovers on the line.
+                    _ => (vec![0], None),
+                };
+                device = Some(serial_carrier(port, baud, auto, dialogue, counters())?);
             }
             CarrierSettings::I2c(it) => {
                 device = Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?);
@@ -162,13 +149,24 @@ impl Link {
                 let server = server.map(|server| Background::start(settings, "fw-subscribe", server, others));
                 device = server.transpose()?;
             }
-            CarrierSettings::Stdout => device = Some(Background::start(settings, "fw-stdout", Stdout, counters())?),
+            CarrierSettings::Stdout => {
+                device = Some(Background::start(settings, "fw-stdout", json::Stdout, counters())?)
+            }
             CarrierSettings::UnixSocket(path) => {
                 device = Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?);
             }
         }
         let (gaze, shown, pace) = (Gaze::default(), Shown::default(), Pace::default());
-        Ok(Self { format, udp, device, traffic: counters(), sequence: 0, gaze, shown, pace })
+        Ok(Self {
+            encoder: encoder_of(&settings.kind),
+            udp,
+            device,
+            traffic: counters(),
+            sequence: 0,
+            gaze,
+            shown,
+            pace,
+        })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -226,12 +224,12 @@ impl Link {
     }
 
     fn encode(&mut self, output: &Output) {
-        let Self { format, udp, device, traffic, .. } = self;
+        let Self { encoder, udp, device, traffic, .. } = self;
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
         self.gaze.follow(&output.pose.coefficients);
-        format.encode(output, self.gaze, self.sequence, &mut |message| {
+        encoder(output, self.gaze, self.sequence, &mut |message| {
             traffic.packets.fetch_add(1, Relaxed);
             udp.iter_mut().for_each(|udp| udp.send(message));
             device.iter_mut().for_each(|device| device.send(message));
@@ -265,37 +263,23 @@ impl Link {
     }
 }
 
-fn format_of(kind: &LinkKind) -> Box<dyn Format> {
+fn encoder_of(kind: &LinkKind) -> Encoder {
     match kind {
         // The thread of a PCA9685 takes packets, too.
-        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(Packets { are_framed: false }),
-        LinkKind::Serial(_) => Box::new(Packets { are_framed: true }),
-        LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),
-        LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
-        LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
-        LinkKind::Maestro(settings) => Box::new(Maestro::new(settings)),
-        LinkKind::IFacialMocap(settings) => Box::new(IFacialMocap::new(settings)),
-        LinkKind::Json(_) => Box::new(JsonLines::new()),
+        LinkKind::Udp(_) | LinkKind::Pca9685(_) => {
+            Box::new(|output, _gaze, sequence, send| send(&packet(output, sequence).encode()))
+        }
+        LinkKind::Serial(_) => Box::new(|output, _gaze, sequence, send| send(&packet(output, sequence).encode_frame())),
+        LinkKind::LiveLink(settings) => live_link::encoder(settings),
+        LinkKind::Vmc(settings) => vmc::encoder(settings),
+        LinkKind::Vrchat(settings) => vrchat::encoder(settings),
+        LinkKind::Maestro(settings) => maestro::encoder(settings),
+        LinkKind::IFacialMocap(settings) => ifacialmocap::encoder(settings),
+        LinkKind::Json(_) => json::encoder(),
     }
 }
 
 /// The facewire packet, version 1: each in a datagram, or as a COBS frame on a serial line.
-struct Packets {
-    are_framed: bool,
-}
-
-impl Format for Packets {
-    fn encode(&mut self, output: &Output, _gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let packet = packet(output, sequence);
-        if self.are_framed { send(&packet.encode_frame()) } else { send(&packet.encode()) }
-    }
-
-    /// The end of a frame separates the first frame from leftovers on the line.
-    fn preamble(&self) -> Vec<u8> {
-        vec![0; usize::from(self.are_framed)]
-    }
-}
-
 fn packet(output: &Output, sequence: u32) -> Packet {
     Packet {
         state: output.state,
@@ -340,10 +324,10 @@ mod testing {
         output
     }
 
-    pub fn encoded(format: &mut dyn Format, output: &Output) -> Vec<Vec<u8>> {
+    pub fn encoded(encoder: &mut Encoder, output: &Output) -> Vec<Vec<u8>> {
         let (mut messages, mut gaze) = (Vec::new(), Gaze::default());
         gaze.follow(&output.pose.coefficients);
-        format.encode(output, gaze, 7, &mut |bytes| messages.push(bytes.to_vec()));
+        encoder(output, gaze, 7, &mut |bytes| messages.push(bytes.to_vec()));
         messages
     }
 
@@ -364,7 +348,7 @@ mod testing {
 mod tests {
     use facewire_packet::{FrameReader, NeutralFace, Reason, State};
 
-    use super::testing::encoded;
+    use super::testing::{encoded, kind};
     use super::*;
 
     #[test]
@@ -373,15 +357,14 @@ mod tests {
         let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
         pose.coefficients[17] = 1.0;
         let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };
-        let mut frames = Packets { are_framed: true };
-        let line = [frames.preamble(), encoded(&mut frames, &output).concat()].concat();
-        let packet = Packet::decode(&encoded(&mut Packets { are_framed: false }, &output).concat()).unwrap();
+        let [udp, serial] = ["udp", "serial"].map(|name| encoded(&mut encoder_of(&kind(name, "")), &output).concat());
+        let packet = Packet::decode(&udp).unwrap();
         let Packet { state, reason, sequence, age_us, capture_us, neutral_face, .. } = packet;
         assert_eq!((state, reason, sequence), (State::Hold, Reason::NoFace, 7));
         assert_eq!((age_us, capture_us, neutral_face), (200, 5, NeutralFace::Estimated));
         assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
         assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
         let mut reader = FrameReader::default();
-        assert_eq!(line.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
+        assert_eq!(serial.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
     }
 }

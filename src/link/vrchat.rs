@@ -7,12 +7,10 @@ mod parameters;
 
 use std::time::{Duration, Instant};
 
-use facewire_packet::State;
-
 use self::parameters::{Face, Group, PARAMETERS, Parameter};
 use super::angles::Gaze;
 use super::osc::{Bundles, Message};
-use super::{Format, Output};
+use super::{Encoder, Output};
 use crate::config::VrchatSettings;
 
 const REFRESH: Duration = Duration::from_secs(1);
@@ -28,14 +26,14 @@ pub fn parameter_names() -> impl Iterator<Item = &'static str> {
     PARAMETERS.iter().map(|parameter| parameter.name.as_str())
 }
 
-pub struct Vrchat {
+struct Vrchat {
     entries: Vec<Entry>,
     bundles: Bundles,
     refreshed: Option<Instant>,
 }
 
 impl Vrchat {
-    pub fn new(settings: &VrchatSettings) -> Self {
+    fn new(settings: &VrchatSettings) -> Self {
         let mut entries = Vec::new();
         for name in STATUS {
             let address = format!("/avatar/parameters/{name}");
@@ -49,12 +47,12 @@ impl Vrchat {
         Self { entries, bundles: Bundles::new(true), refreshed: None }
     }
 
-    fn encode_at(&mut self, now: Instant, output: &Output, gaze: Gaze, send: &mut dyn FnMut(&[u8])) {
+    fn encode(&mut self, now: Instant, output: &Output, gaze: Gaze, send: &mut dyn FnMut(&[u8])) {
         let is_refreshed = self.refreshed.is_none_or(|refreshed| now.duration_since(refreshed) >= REFRESH);
         if is_refreshed {
             self.refreshed = Some(now);
         }
-        let face = Face::new(&output.pose, gaze, matches!(output.state, State::Live | State::Hold));
+        let face = Face::new(&output.pose, gaze, output.shows_face());
         for entry in &mut self.entries {
             if entry.follow(&face, is_refreshed) {
                 self.bundles.add(&entry.message, send);
@@ -64,10 +62,9 @@ impl Vrchat {
     }
 }
 
-impl Format for Vrchat {
-    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        self.encode_at(Instant::now(), output, gaze, send);
-    }
+pub fn encoder(settings: &VrchatSettings) -> Encoder {
+    let mut vrchat = Vrchat::new(settings);
+    Box::new(move |output, gaze, _sequence, send| vrchat.encode(Instant::now(), output, gaze, send))
 }
 
 /// Adds the parameter as one number, as bits, or both, if the settings want it.
@@ -138,6 +135,7 @@ impl Entry {
 mod tests {
     use std::collections::BTreeMap;
 
+    use facewire_packet::State;
     use rosc::OscType;
 
     use super::*;
@@ -156,7 +154,7 @@ mod tests {
     fn messages(format: &mut Vrchat, now: Instant, output: &Output) -> Messages {
         let (mut datagrams, mut gaze) = (Vec::new(), Gaze::default());
         gaze.follow(&output.pose.coefficients);
-        format.encode_at(now, output, gaze, &mut |bytes| datagrams.push(bytes.to_vec()));
+        format.encode(now, output, gaze, &mut |bytes| datagrams.push(bytes.to_vec()));
         received(&datagrams).into_iter().map(|message| (message.addr, message.args)).collect()
     }
 

@@ -42,7 +42,7 @@ use self::hot::{Event, HotLoop, Outlets};
 use self::loader::Loader;
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
-use self::sender::{Links, Sender, SenderSettings};
+use self::sender::{Links, Sender};
 use self::supervisor::Supervisor;
 use self::watchdog::Phase;
 use crate::calibration::WearerName;
@@ -84,7 +84,7 @@ pub fn run(
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    let links = Links::change(&settings.links, &[], &counters.traffic)?;
+    let links = Links::change(&settings, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
     let pipeline = match loader.begin(move || Pipeline::load(&wanted, true)).recv() {
         Ok(Ok(pipeline)) => Some(pipeline),
@@ -98,9 +98,8 @@ pub fn run(
     counters.heartbeats.hot(Phase::Open, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
-    let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
-    let (for_links, shared) = (SenderSettings { failsafe, rate_hz, links }, Arc::clone(&counters));
-    let run_sender = |changes| Sender { settings: for_links, changes, news, counters: shared }.run();
+    let shared = Arc::clone(&counters);
+    let run_sender = |changes| Sender { links, changes, news, counters: shared }.run();
     let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
     let ((observer, observed), (recorder, recorded)) =

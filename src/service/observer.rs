@@ -55,21 +55,3 @@ impl<T> Observed<T> {
         self.shared.lost.load(Relaxed)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_has_no_room_is_counted_and_publishing_never_allocates() {
-        let (mut observer, mut observed) = channel(OBSERVED);
-        observer.publish(|| 0);
-        assert_eq!(observed.take(), None, "nobody wanted it");
-        observed.ask(true);
-        let allocated =
-            allocation_counter::measure(|| (0..OBSERVED + 5).for_each(|number| observer.publish(|| number)));
-        assert_eq!(allocated, allocation_counter::AllocationInfo::default());
-        assert!((0..OBSERVED).all(|number| observed.take() == Some(number)) && observed.take().is_none());
-        assert_eq!(observed.lost(), 5);
-    }
-}

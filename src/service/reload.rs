@@ -11,7 +11,7 @@ use std::thread::Thread;
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::loader::Loader;
-use super::sender::{Links, SenderSettings};
+use super::sender::Links;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker};
 
@@ -21,7 +21,7 @@ pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send +
 pub(super) struct Change {
     settings: Settings,
     hot: HotChange,
-    sender: SenderSettings,
+    links: Links,
     warning: Option<String>,
 }
 
@@ -42,9 +42,8 @@ impl Change {
         let load_profile = || load_profile(&wearer, &new.solver);
         let (profile, warning) = replaced(keeps_profile, is_same_wearer, "profile", load_profile)?.unzip();
         let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
-        let links = Links::change(&new.links, &live.links, &counters.traffic)?;
-        let sender = SenderSettings { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links };
-        Ok(Self { settings: new, hot, sender, warning: warning.flatten() })
+        let links = Links::change(&new, &live.links, &counters.traffic)?;
+        Ok(Self { settings: new, hot, links, warning: warning.flatten() })
     }
 }
 
@@ -82,7 +81,7 @@ pub(super) struct Reloader {
     pub(super) load_settings: LoadSettings,
     pub(super) set_log_level: Box<dyn Fn(LogLevel)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
-    pub(super) sender: Mailbox<SenderSettings>,
+    pub(super) sender: Mailbox<Links>,
     /// The control thread takes the settings from here within a second.
     pub(super) control: mpsc::Sender<Settings>,
     pub(super) counters: Arc<Counters>,
@@ -117,7 +116,7 @@ impl Reloader {
 
     /// Hands out the change. Links look up their host names again on every reload, and a model or profile may have
     /// changed in its file, even if the settings are the same.
-    fn hand_out(&mut self, Change { mut settings, hot, sender, warning }: Change) {
+    fn hand_out(&mut self, Change { mut settings, hot, links, warning }: Change) {
         match &*settings.changed_keys(&self.live) {
             [] => tracing::info!("settings are unchanged"),
             changed => tracing::info!("settings changed: {}", changed.join(", ")),
@@ -130,7 +129,7 @@ impl Reloader {
         (self.set_log_level)(settings.log.level);
         self.live = settings;
         self.hot.send(hot);
-        self.sender.send(sender);
+        self.sender.send(links);
         // Without a control socket nobody reads it.
         let _ = self.control.send(self.live.clone());
     }

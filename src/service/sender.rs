@@ -32,15 +32,9 @@ const STOPPING_PACKETS: usize = 3;
 /// Longest sleep of a replay. It bounds how late a signal is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-pub(super) struct SenderSettings {
-    pub(super) failsafe: FailsafeSettings,
-    pub(super) rate_hz: u32,
-    pub(super) links: Links,
-}
-
 pub(super) struct Sender {
-    pub(super) settings: SenderSettings,
-    pub(super) changes: mpsc::Receiver<SenderSettings>,
+    pub(super) links: Links,
+    pub(super) changes: mpsc::Receiver<Links>,
     pub(super) news: Newest<News>,
     pub(super) counters: Arc<Counters>,
 }
@@ -52,21 +46,21 @@ impl Sender {
         while !self.counters.stop_sending.load(Relaxed) {
             self.counters.heartbeats.sender(monotonic_us());
             while let Ok(change) = self.changes.try_recv() {
-                let mut old = std::mem::replace(&mut self.settings, change);
-                self.settings.links.take_over(&mut old.links, &history.last());
+                let old = std::mem::replace(&mut self.links, change);
+                self.links.take_over(old, &history.last());
             }
             let wait_us = self.step(&mut history);
             thread::park_timeout(Duration::from_micros(wait_us.min(MAX_SLEEP_US)));
         }
         self.stop(&mut history);
-        self.settings.links.close();
+        self.links.close();
     }
 
     fn stop(&mut self, history: &mut History) {
         let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
-        let pause = Duration::from_secs(1) / self.settings.rate_hz.max(1);
+        let pause = Duration::from_secs(1) / self.links.rate_hz.max(1);
         let mut output = failsafe.stop(history, monotonic_us());
-        while (output.state != State::Neutral || self.settings.links.is_held()) && monotonic_us() < end_us {
+        while (output.state != State::Neutral || self.links.is_held()) && monotonic_us() < end_us {
             self.offer(&output);
             thread::sleep(pause);
             output = failsafe.stop(history, monotonic_us());
@@ -74,7 +68,7 @@ impl Sender {
         let last = history.last();
         self.counters.set_state(last.state);
         for _ in 0..STOPPING_PACKETS {
-            self.settings.links.send_last(&last);
+            self.links.send_last(&last);
             thread::sleep(STOPPING_PERIOD);
         }
     }
@@ -92,15 +86,13 @@ impl Sender {
     }
 
     fn failsafe(&self) -> Failsafe {
-        Failsafe::new(&self.settings.failsafe, self.counters.frame_period_us.load(Relaxed))
+        Failsafe::new(&self.links.failsafe, self.counters.frame_period_us.load(Relaxed))
     }
 
     fn offer(&mut self, output: &Output) -> u64 {
         self.counters.set_state(output.state);
-        let SenderSettings { failsafe, rate_hz, links } = &mut self.settings;
-        let rates = Rates { send_hz: *rate_hz, slew_per_s: failsafe.slew_per_s };
-        let wait_us = links.offer(monotonic_us(), output, rates);
-        links.count(&self.counters);
+        let wait_us = self.links.offer(monotonic_us(), output);
+        self.links.count(&self.counters);
         wait_us
     }
 }
@@ -109,39 +101,41 @@ impl Sender {
 const LAST_PACKET: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Links in the order of their settings. One whose format and receiver stay the same in a reload is carried over with its
-/// open port and its packet numbers. In a change that a reload prepares, a link is `None` if the sender has it.
-pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
+/// Links in the order of their settings, and what all of them need of the other settings. A link whose format and
+/// receiver stay the same in a reload is carried over with its open port and its packet numbers. In a change that a reload
+/// prepares, a link is `None` if the sender has it.
+pub(super) struct Links {
+    failsafe: FailsafeSettings,
+    rate_hz: u32,
+    links: Vec<(LinkSettings, Option<Link>)>,
+}
 
 impl Links {
     /// Opens the links in `new` that `live` does not have. A host name that does not resolve is an error only for a new
     /// link that is the only one: the service then has nothing else to do, and its manager starts it again.
-    pub(super) fn change(
-        new: &[LinkSettings],
-        live: &[LinkSettings],
-        traffic: &Arc<Traffic>,
-    ) -> Result<Self, LinkError> {
+    pub(super) fn change(new: &Settings, live: &[LinkSettings], traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let mut kept: Vec<&LinkKind> = live.iter().map(|link| &link.kind).collect();
-        let change = new.iter().map(|settings| {
+        let links = new.links.iter().map(|settings| {
             let link = if let Some(index) = kept.iter().position(|kind| **kind == settings.kind) {
                 kept.swap_remove(index);
                 None
             } else {
-                if new.len() == 1 {
+                if new.links.len() == 1 {
                     Link::resolve(settings)?;
                 }
                 Some(Link::open(settings, traffic)?)
             };
             Ok((settings.clone(), link))
         });
-        change.collect::<Result<_, _>>().map(Self)
+        let links = links.collect::<Result<_, _>>()?;
+        Ok(Self { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links })
     }
 
     /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The
     /// other old links send `last`. This neither allocates nor waits.
-    pub(super) fn take_over(&mut self, old: &mut Self, last: &Output) {
-        for (settings, link) in self.0.iter_mut().filter(|(_, link)| link.is_none()) {
-            let same = old.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
+    fn take_over(&mut self, mut old: Self, last: &Output) {
+        for (settings, link) in self.links.iter_mut().filter(|(_, link)| link.is_none()) {
+            let same = old.links.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
             *link = same.and_then(|(_, link)| link.take());
         }
         old.send_last(last);
@@ -149,28 +143,29 @@ impl Links {
     }
 
     /// Offers the output to every link. Returns how long the links can wait for the next output, in microseconds.
-    pub(super) fn offer(&mut self, now_us: u64, output: &Output, rates: Rates) -> u64 {
+    fn offer(&mut self, now_us: u64, output: &Output) -> u64 {
+        let rates = Rates { send_hz: self.rate_hz, slew_per_s: self.failsafe.slew_per_s };
         let waits = self.each().map(|(settings, link)| link.offer(settings, rates, now_us, output));
         waits.min().unwrap_or(u64::MAX)
     }
 
     /// Whether a link is still on its way from a pose that it has held.
-    pub(super) fn is_held(&mut self) -> bool {
+    fn is_held(&mut self) -> bool {
         self.each().any(|(_, link)| link.is_held())
     }
 
-    pub(super) fn send_last(&mut self, output: &Output) {
+    fn send_last(&mut self, output: &Output) {
         self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
 
-    pub(super) fn count(&mut self, counters: &Counters) {
+    fn count(&mut self, counters: &Counters) {
         let open = self.each().filter(|(_, link)| link.is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
         let refusal = (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.refusal()?)));
         counters.set_refusal(refusal);
     }
 
-    pub(super) fn close(mut self) {
+    fn close(mut self) {
         let end = Instant::now() + LAST_PACKET;
         self.each().for_each(|(_, link)| link.stop());
         while self.each().any(|(_, link)| !link.has_ended()) && Instant::now() < end {
@@ -179,7 +174,7 @@ impl Links {
     }
 
     fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {
-        self.0.iter_mut().filter_map(|(settings, link)| Some((&*settings, link.as_mut()?)))
+        self.links.iter_mut().filter_map(|(settings, link)| Some((&*settings, link.as_mut()?)))
     }
 }
 
@@ -191,11 +186,9 @@ pub fn replay<E: From<ServiceError>>(
 ) -> Result<[u64; 2], E> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals().map_err(ServiceError::from)?;
-    let links = Links::change(&settings.links, &[], &counters.traffic).map_err(ServiceError::from)?;
+    let links = Links::change(settings, &[], &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-    let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
-    let (settings, changes) = (SenderSettings { failsafe, rate_hz, links }, mpsc::channel().1);
-    let sender = Sender { settings, changes, news, counters: Arc::clone(&counters) };
+    let sender = Sender { links, changes: mpsc::channel().1, news, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
     let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
@@ -273,9 +266,9 @@ mod tests {
         assert_eq!(clock.due_us(0, 5_000_000), 5_000_000, "a program that was stopped does not catch up");
     }
 
-    fn settings(receivers: [&UdpSocket; 2]) -> Vec<LinkSettings> {
+    fn settings(receivers: [&UdpSocket; 2]) -> Settings {
         let link = |socket: &UdpSocket| format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
-        config::parse("test", &receivers.map(link).concat()).unwrap().links
+        config::parse("test", &receivers.map(link).concat()).unwrap()
     }
 
     fn seen(socket: &UdpSocket) -> Vec<(State, Reason)> {
@@ -292,8 +285,8 @@ mod tests {
         let (before, after) = (settings([&old, &kept]), settings([&kept, &new]));
         let mut links = Links::change(&before, &[], &Arc::default()).unwrap();
         links.send_last(&test_output(State::Live));
-        let mut change = Links::change(&after, &before, &Arc::default()).unwrap();
-        change.take_over(&mut links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
+        let mut change = Links::change(&after, &before.links, &Arc::default()).unwrap();
+        change.take_over(links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
         change.send_last(&test_output(State::Hold));
         let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
         assert_eq!(seen(&old), [live, (State::Neutral, Reason::Stopping)]);

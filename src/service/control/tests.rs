@@ -211,7 +211,8 @@ fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
 #[test]
 fn frames_that_nobody_fetched_in_time_or_that_a_client_does_not_read_are_lost_and_told_and_hold_no_memory() {
     let (mut recording, mut observer, mut observed, mut answers) = recording();
-    (0..40).for_each(|time_us| observer.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
+    let mut publish = || (0..40).for_each(|time_us| observer.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
+    assert_eq!(allocation_counter::measure(&mut publish), allocation_counter::AllocationInfo::default());
     recording.step(&mut observed, true, 1).unwrap();
     let mut entries = std::iter::from_fn(|| answers.entry()).count() as u64;
     assert_eq!((answers.lost.take(), entries), (Some(8), 32));

@@ -5,7 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use facewire_face::{Camera, Face, InferError, Solution, SolveError, Solver, Tracker};
+use facewire_face::{Camera, Face, InferError, Solution, Solver, Tracker};
 use facewire_packet::Reason;
 
 use crate::calibration::Observation;
@@ -15,21 +15,11 @@ use crate::link::Pose;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::recording::Recorded;
 
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug)]
 pub enum Rejected {
-    #[error("no face in the picture")]
     NoFace,
-    #[error(transparent)]
-    Infer(#[from] InferError),
-    #[error(transparent)]
-    Unsolved(#[from] SolveError),
-}
-
-impl Rejected {
-    /// The reason that receivers get for the missing pose.
-    pub fn reason(&self) -> Reason {
-        if matches!(self, Self::NoFace) { Reason::NoFace } else { Reason::BadResult }
-    }
+    Infer(InferError),
+    Unsolved,
 }
 
 /// Duration of each stage of a frame; `None` for a stage that did not run.
@@ -60,7 +50,10 @@ pub struct Processed<'a> {
 
 impl Processed<'_> {
     pub fn pose(&self) -> Result<Pose, Reason> {
-        self.solved.as_ref().map(Pose::from).map_err(Rejected::reason)
+        self.solved.as_ref().map(Pose::from).map_err(|rejected| match rejected {
+            Rejected::NoFace => Reason::NoFace,
+            Rejected::Infer(_) | Rejected::Unsolved => Reason::BadResult,
+        })
     }
 
     /// What a calibration learns from the frame. Does not allocate.
@@ -119,12 +112,13 @@ impl Pipeline {
         let solver = &mut self.solver;
         let solved = match find(self.tracker.as_mut(), &mut times, frame) {
             Ok(Some(face)) => {
-                timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us)).map_err(Rejected::from)
+                let solved = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
+                solved.map_err(|_| Rejected::Unsolved)
             }
             Ok(None) => Err(Rejected::NoFace),
-            Err(error) => Err(error.into()),
+            Err(error) => Err(Rejected::Infer(error)),
         };
-        if matches!(solved, Err(Rejected::Unsolved(_))) && frame.picture().is_some() {
+        if matches!(solved, Err(Rejected::Unsolved)) && frame.picture().is_some() {
             self.forget_face();
         }
         let face = match &frame.content {
@@ -207,7 +201,7 @@ mod tests {
         let data = vec![128; SIDE * SIDE];
         let (mut pipeline, detector_runs) = pipeline(1);
         pipeline.solver.profile.neutral = Some(neutral(&frame(&data, 0)));
-        assert!(matches!(pipeline.process(&frame(&data, 0)).solved, Err(Rejected::Unsolved(_))));
+        assert!(matches!(pipeline.process(&frame(&data, 0)).solved, Err(Rejected::Unsolved)));
         assert!((1..3).all(|number| pipeline.process(&frame(&data, number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
     }

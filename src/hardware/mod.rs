@@ -52,22 +52,16 @@ impl Hardware {
         Self { root, settings, sensors, next_poll_us: 0, next_search_us: 0, throttle_count, until_us: [0; 3], found }
     }
 
-    pub fn set(&mut self, settings: &HardwareSettings) {
-        if self.settings != *settings {
-            self.settings = settings.clone();
-            self.next_search_us = 0;
-        }
-    }
-
     /// Reads the sensors if it is time to. Returns the impairments of [`Hardware::FINDS`] if they are others than before.
-    pub fn poll(&mut self, now_us: u64) -> Option<ImpairmentSet> {
+    pub fn poll(&mut self, settings: &HardwareSettings, now_us: u64) -> Option<ImpairmentSet> {
         if now_us < self.next_poll_us {
             return None;
         }
         self.next_poll_us = now_us + POLL_US;
-        if now_us >= self.next_search_us {
+        if now_us >= self.next_search_us || self.settings != *settings {
             self.next_search_us = now_us + SEARCH_US;
-            self.sensors = Sensors::find(&self.root, &self.settings);
+            self.settings.clone_from(settings);
+            self.sensors = Sensors::find(&self.root, settings);
         }
         let before = self.found;
         let below_limit_c = if before.contains(Impairment::Hot) { HYSTERESIS_C } else { 0.0 };
@@ -201,23 +195,23 @@ mod tests {
     }
 
     /// The hardware of a board as the service watches it, and the time.
-    struct Watched(Tree, Hardware, u64);
+    struct Watched(Tree, Hardware, u64, HardwareSettings);
 
     impl Watched {
         fn new(files: &str) -> Self {
             let tree = Tree::new(&[]);
             tree.write(files);
             let hardware = Hardware::new(tree.root().to_owned(), HardwareSettings::default());
-            Self(tree, hardware, 1_000_000_000)
+            Self(tree, hardware, 1_000_000_000, HardwareSettings::default())
         }
 
         /// Lets this time pass after the files have changed, and returns the impairments at its end.
         fn after(&mut self, seconds: u64, files: &str) -> String {
-            let Self(tree, hardware, now_us) = self;
+            let Self(tree, hardware, now_us, settings) = self;
             tree.write(files);
             for _ in 0..seconds * 20 {
                 *now_us += 50_000;
-                hardware.poll(*now_us);
+                hardware.poll(settings, *now_us);
             }
             hardware.found.to_string()
         }
@@ -241,7 +235,7 @@ mod tests {
         assert_eq!(board.after(13, "hwmon1/in0_lcrit_alarm=1"), "undervoltage");
         assert_eq!(board.after(6, "hwmon1/in0_lcrit_alarm=0"), "undervoltage");
         assert_eq!(board.after(6, ""), "none");
-        board.1.set(&HardwareSettings { temperature_limit_c: 45, ..HardwareSettings::default() });
+        board.3.temperature_limit_c = 45;
         assert_eq!(board.after(3, ""), "hot", "changed settings count at once");
         let mut board = Watched::new("");
         assert_eq!(board.after(10, ""), "none");

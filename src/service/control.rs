@@ -15,7 +15,7 @@ use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, mpsc};
-use std::thread::{Builder, JoinHandle, sleep};
+use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -58,35 +58,9 @@ const SILENT_US: u64 = 500_000;
 const SILENT_FRAMES: u64 = 3;
 /// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
-/// How long a stopping service waits for a profile that is being written.
-const DISK_PATIENCE: Duration = Duration::from_secs(1);
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
-
-/// A handle to the control thread. Dropping it ends the thread, and cancels the calibration.
-pub(super) struct Control {
-    stop: Option<PipeWriter>,
-    thread: JoinHandle<()>,
-}
-
-impl Control {
-    pub(super) fn start((server, stop): (Server, PipeWriter)) -> io::Result<Self> {
-        let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
-        Ok(Self { stop: Some(stop), thread: builder.spawn(move || server.run())? })
-    }
-}
-
-impl Drop for Control {
-    /// Waits for no client, and for a disk that does not answer no longer than [`DISK_PATIENCE`].
-    fn drop(&mut self) {
-        self.stop = None;
-        let end = Instant::now() + DISK_PATIENCE;
-        while !self.thread.is_finished() && Instant::now() < end {
-            sleep(Duration::from_millis(5));
-        }
-    }
-}
 
 struct Door {
     listen: Listen,
@@ -188,6 +162,11 @@ impl Server {
         Ok((server, stop))
     }
 
+    pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
+        Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES).spawn(|| self.run())
+    }
+
+    /// Serves clients until the pipe is closed.
     fn run(mut self) {
         while self.wait() {
             self.adopt();

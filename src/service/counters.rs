@@ -262,27 +262,3 @@ impl Counters {
         [frames].into_iter().chain(texts).chain(times).collect::<Vec<_>>().join(" ")
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_status_line_has_every_count_under_its_name() {
-        let counters = Counters::default();
-        assert!(counters.status_line().contains(" state=neutral impaired_by=none step=full step_by=none "));
-        counters.frames.store(10, Relaxed);
-        counters.traffic.sent.store(3, Relaxed);
-        counters.times.age.record(Duration::from_millis(8));
-        counters.impairments.set(Impairment::Dark, true);
-        counters.set_step(Step::Third, Some(Cause::Slow));
-        counters.set_state(State::Decay);
-        counters.set_neutral(NeutralFace::Estimated, 0.733, 2);
-        let line = counters.status_line();
-        let want = "frames=10 faces=0 no_face=0 rejected=0 engine_failures=0 skipped=0 left_out=0 deadline_misses=0 \
-                    damaged=0 cameras_opened=0 packets=0 sent=3 dropped=0 links_open=0 state=decay impaired_by=dark \
-                    step=third step_by=slow step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
-                    neutral_forgotten=2 wait_ms=0.000/0.000/0.000 ";
-        assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
-    }
-}

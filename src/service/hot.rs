@@ -83,7 +83,6 @@ pub(super) struct HotLoop {
     opened_us: Option<u64>,
     timing: FrameTiming,
     watch: Watch,
-    has_small_picture: bool,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
     rehearsed: ImpairmentSet,
 }
@@ -136,7 +135,6 @@ impl HotLoop {
             timing: FrameTiming::new(Arc::clone(&counters)),
             watch: Watch::new(HOLD_US),
             counters,
-            has_small_picture: false,
             rehearsed: ImpairmentSet::default(),
         }
     }
@@ -184,10 +182,10 @@ impl HotLoop {
             pipeline.solver.profile = self.profile.clone();
         }
         self.enter(Phase::Open);
-        self.has_small_picture = self.counters.small_picture.load(Relaxed);
-        let camera = OpenCamera::begin(&self.settings.camera, self.has_small_picture);
+        let is_small = self.counters.small_picture.load(Relaxed);
+        let camera = OpenCamera::begin(&self.settings.camera, is_small);
         let mut camera = camera.map_err(Trouble::no_camera)?;
-        let outcome = self.show(&mut camera);
+        let outcome = self.show(&mut camera, is_small);
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
@@ -202,7 +200,7 @@ impl HotLoop {
         self.loader.begin(job).recv().map_err(|_| Trouble::Fatal(ServiceError::Panicked("loader")))
     }
 
-    fn show(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
+    fn show(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), Trouble> {
         self.enter_wait();
         let outcome = camera.await_picture(|| {
             self.enter_wait();
@@ -219,12 +217,11 @@ impl HotLoop {
         self.pipeline.iter_mut().for_each(Pipeline::forget_face);
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
-        self.stream(camera)
+        self.stream(camera, is_small)
     }
 
-    fn stream(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
-        let is_other_size = |this: &Self| this.counters.small_picture.load(Relaxed) != this.has_small_picture;
-        while !self.counters.stopping() && !self.adopt() && !is_other_size(self) {
+    fn stream(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), Trouble> {
+        while !self.counters.stopping() && !self.adopt() && self.counters.small_picture.load(Relaxed) == is_small {
             self.enter_wait();
             let step = self.counters.step();
             self.timing.take(step);
@@ -359,9 +356,8 @@ impl Outlets {
 struct EngineHealth {
     /// Failures since the last good inference.
     failures: u32,
-    /// Whether the networks were loaded again after failures, and fewer than [`GOOD_RUNS_BEFORE_TRUST`] inferences since.
-    is_reloaded: bool,
-    good_runs: u32,
+    /// Good inferences since the networks were loaded again, unless they were [`GOOD_RUNS_BEFORE_TRUST`].
+    good_runs: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -374,8 +370,7 @@ enum Remedy {
 impl EngineHealth {
     fn ran(&mut self) {
         self.failures = 0;
-        self.good_runs = self.good_runs.saturating_add(1);
-        self.is_reloaded &= self.good_runs < GOOD_RUNS_BEFORE_TRUST;
+        self.good_runs = self.good_runs.map(|count| count + 1).filter(|count| *count < GOOD_RUNS_BEFORE_TRUST);
     }
 
     fn failed(&mut self) -> Remedy {
@@ -383,10 +378,10 @@ impl EngineHealth {
         if self.failures < FAILURES_BEFORE_REMEDY {
             return Remedy::Wait;
         }
-        if self.is_reloaded {
+        if self.good_runs.is_some() {
             return Remedy::GiveUp;
         }
-        *self = Self { failures: 0, is_reloaded: true, good_runs: 0 };
+        *self = Self { failures: 0, good_runs: Some(0) };
         Remedy::Reload
     }
 }
@@ -492,7 +487,7 @@ mod tests {
     fn eight_failures_in_a_row_reload_the_networks_and_eight_more_soon_after_are_given_up() {
         let [reload, give_up] = [Remedy::Reload, Remedy::GiveUp];
         for (is_reloaded, good_runs, remedy) in [(false, 0, reload), (true, 299, give_up), (true, 300, reload)] {
-            let mut health = EngineHealth { is_reloaded, ..EngineHealth::default() };
+            let mut health = EngineHealth { failures: 0, good_runs: is_reloaded.then_some(0) };
             assert!((0..7).all(|_| health.failed() == Remedy::Wait));
             (0..good_runs).for_each(|_| health.ran());
             assert!(good_runs == 0 || (0..7).all(|_| health.failed() == Remedy::Wait));

@@ -128,20 +128,32 @@ mod tests {
     use std::sync::atomic::Ordering::Relaxed;
     use std::time::Duration;
 
+    use facewire_packet::{NeutralFace, State};
+
     use super::*;
     use crate::impairment::Impairment;
     use crate::service::adaptation::{Cause, Step};
 
     #[test]
-    fn the_page_shows_the_values_of_the_counters() {
+    fn the_status_line_and_the_page_show_every_count_under_its_name() {
         let counters = Counters::default();
+        assert!(counters.status_line().contains(" state=neutral impaired_by=none step=full step_by=none "));
+        counters.frames.store(10, Relaxed);
         counters.solved.store(7, Relaxed);
         counters.traffic.dropped.store(2, Relaxed);
         // It begins twice, and lasts for two looks.
         [true, true, false, true].iter().for_each(|is_hot| counters.impairments.set(Impairment::Hot, *is_hot));
         counters.set_step(Step::Half, Some(Cause::Hot));
+        counters.set_state(State::Decay);
+        counters.set_neutral(NeutralFace::Estimated, 0.733, 2);
         counters.times.mesh.record(Duration::from_micros(20));
-        let page = page(&counters);
+        counters.times.age.record(Duration::from_millis(8));
+        let (line, page) = (counters.status_line(), page(&counters));
+        let want = "frames=10 faces=7 no_face=0 rejected=0 engine_failures=0 skipped=0 left_out=0 deadline_misses=0 \
+                    damaged=0 cameras_opened=0 packets=0 sent=0 dropped=2 links_open=0 state=decay impaired_by=hot \
+                    step=half step_by=hot step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
+                    neutral_forgotten=2 wait_ms=0.000/0.000/0.000 ";
+        assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
         for line in [
             "# TYPE facewire_frames counter",
             "facewire_frames_total{result=\"solved\"} 7",
@@ -151,7 +163,7 @@ mod tests {
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",
             "facewire_stage_seconds_sum{stage=\"mesh\"} 0.00002",
-            "facewire_age_seconds_bucket{le=\"+Inf\"} 0",
+            "facewire_age_seconds_bucket{le=\"+Inf\"} 1",
             "# EOF",
         ] {
             assert!(page.lines().any(|found| found == line), "no {line} in:\n{page}");

@@ -35,8 +35,8 @@ pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
+use self::control::Server;
 use self::control::client::socket_path;
-use self::control::{Control, Server};
 use self::counters::Counters;
 use self::hot::{Event, HotLoop, Outlets};
 use self::loader::Loader;
@@ -55,7 +55,10 @@ use facewire_face::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
-const HOT_LOOK: Duration = Duration::from_millis(10);
+/// How long a stopping service waits for a profile that is being written.
+const DISK_PATIENCE: Duration = Duration::from_secs(1);
+/// Time between two looks at a thread that is to end.
+const LOOK: Duration = Duration::from_millis(5);
 
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
@@ -116,7 +119,7 @@ pub fn run(
     let (control_changes, changes) = mpsc::channel();
     let (rings, hot_changes, shared) = ((observed, recorded), Arc::clone(&hot_mailbox), Arc::clone(&counters));
     let server = Server::new(socket_path(), settings.clone(), changes, rings, hot_changes, shared);
-    let control = server.and_then(Control::start);
+    let control = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
@@ -136,7 +139,10 @@ pub fn run(
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender, hot);
-    drop(control);
+    if let Ok((stop, thread)) = control {
+        drop(stop);
+        ends_before(Instant::now() + DISK_PATIENCE, || thread.is_finished());
+    }
     supervisor.log_events();
     ended
 }
@@ -181,6 +187,17 @@ fn spawn<T: Send + 'static, Change: Send + 'static>(
     Ok((thread, mailbox))
 }
 
+/// Waits for the end of something, but no longer than until this time. Returns whether it has ended.
+fn ends_before(time: Instant, mut has_ended: impl FnMut() -> bool) -> bool {
+    while !has_ended() {
+        if Instant::now() >= time {
+            return false;
+        }
+        sleep(LOOK);
+    }
+    true
+}
+
 /// Ends the threads: the sender first, so that the receivers get the last packets whatever holds up the hot loop.
 fn stop(
     counters: &Counters,
@@ -192,10 +209,7 @@ fn stop(
     sender.thread().unpark();
     hot.thread().unpark();
     sender.join().map_err(|_| ServiceError::Panicked("sender"))?;
-    while Instant::now() < end && !hot.is_finished() {
-        sleep(HOT_LOOK);
-    }
-    if !hot.is_finished() {
+    if !ends_before(end, || hot.is_finished()) {
         tracing::warn!("the camera's driver does not return and is left behind");
         return Ok(counters.status_line());
     }

@@ -15,7 +15,7 @@ use triple_buffer::Output as Newest;
 use super::counters::Counters;
 use super::failsafe::{Failsafe, History, News};
 use super::timing::{FrameTiming, between};
-use super::{STACK_BYTES, ServiceError};
+use super::{STACK_BYTES, ServiceError, ends_before};
 use crate::capture::{FrameRate, monotonic_us};
 use crate::config::{FailsafeSettings, LinkKind, LinkSettings, Settings};
 use crate::link::{Link, LinkError, Output, Rates, Traffic};
@@ -99,7 +99,6 @@ impl Sender {
 
 /// How long a stopping service waits for its links to send their last packet.
 const LAST_PACKET: Duration = Duration::from_millis(500);
-const LOOK: Duration = Duration::from_millis(5);
 
 /// Links in the order of their settings, and what all of them need of the other settings. A link whose format and
 /// receiver stay the same in a reload is carried over with its open port and its packet numbers. In a change that a reload
@@ -166,11 +165,8 @@ impl Links {
     }
 
     fn close(mut self) {
-        let end = Instant::now() + LAST_PACKET;
         self.each().for_each(|(_, link)| link.stop());
-        while self.each().any(|(_, link)| !link.has_ended()) && Instant::now() < end {
-            thread::sleep(LOOK);
-        }
+        ends_before(Instant::now() + LAST_PACKET, || self.each().all(|(_, link)| link.has_ended()));
     }
 
     fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {

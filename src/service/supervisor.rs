@@ -5,13 +5,14 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
+use sd_notify::NotifyState;
+
 use super::adaptation::{Adaptation, Cause, Conditions, Step};
 use super::counters::Counters;
 use super::hot::Event;
 use super::realtime::{self, Grant};
 use super::reload::Reloader;
 use super::timing::Load;
-use super::watchdog::{NotifyState, Watchdog, notify};
 use crate::capture::monotonic_us;
 use crate::hardware::{self, Hardware, Machine};
 use crate::impairment::{Impairment, ImpairmentSet};
@@ -26,7 +27,8 @@ pub(super) struct Supervisor {
     counters: Arc<Counters>,
     events: Receiver<Event>,
     reloader: Reloader,
-    watchdog: Option<Watchdog>,
+    /// The period of the service manager's watchdog, if it has asked for pings, and when it got the last one.
+    watchdog: Option<(Duration, Instant)>,
     adaptation: Adaptation,
     log: Log,
     hardware: Hardware,
@@ -34,7 +36,7 @@ pub(super) struct Supervisor {
 
 impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, events: Receiver<Event>, reloader: Reloader) -> Self {
-        let watchdog = Watchdog::from_env(monotonic_us());
+        let watchdog = sd_notify::watchdog_enabled().map(|period| (period, Instant::now()));
         let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
         let blind_because = "no camera has been opened yet".to_owned();
         let log = Log { blind_because, last_status: Some((Instant::now(), 0)), ..Log::default() };
@@ -51,8 +53,11 @@ impl Supervisor {
             self.receive();
             self.reload();
             let now_us = monotonic_us();
-            let is_alive = self.counters.heartbeats.are_alive(now_us);
-            if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_ping_due(is_alive, now_us)) {
+            if let Some((period, pinged_at)) = &mut self.watchdog
+                && self.counters.heartbeats.are_alive(now_us)
+                && pinged_at.elapsed() >= *period / 2
+            {
+                *pinged_at = Instant::now();
                 notify(NotifyState::Watchdog);
             }
             self.sense(now_us);
@@ -92,8 +97,7 @@ impl Supervisor {
 
     /// Looks for impairments that the hardware causes. A rehearsal may set others.
     fn sense(&mut self, now_us: u64) {
-        self.hardware.set(&self.reloader.live.hardware);
-        if let Some(found) = self.hardware.poll(now_us) {
+        if let Some(found) = self.hardware.poll(&self.reloader.live.hardware, now_us) {
             self.counters.impairments.set_all(Hardware::FINDS, found);
         }
     }
@@ -272,6 +276,12 @@ fn is_due(logged_at: &mut Option<Instant>) -> bool {
         *logged_at = Some(Instant::now());
     }
     is_due
+}
+
+fn notify(state: NotifyState<'_>) {
+    if let Err(error) = sd_notify::notify(&[state]) {
+        tracing::debug!("the service manager could not be notified: {error}");
+    }
 }
 
 fn ms(time: Duration) -> f64 {

@@ -1,13 +1,10 @@
-//! What the service manager is told by `sd_notify`, and the signs of life on which the pings for its watchdog depend.
+//! The signs of life on which the pings for the service manager's watchdog depend.
 //!
 //! The hot loop and the sender each state by when they will report again. A thread that lets its deadline pass is stuck,
 //! and the watchdog is no longer served. The patience of each phase is far longer than it takes on a healthy machine,
 //! because waiting for a camera is not being stuck, and neither is a slow frame on a throttled board.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::time::Duration;
-
-pub(super) use sd_notify::NotifyState;
 
 /// Longest time to open or close a camera, microseconds. The kernel gives up each control call to a USB camera after
 /// 5 s, and the first frame may take another 5 s.
@@ -60,34 +57,6 @@ impl Heartbeats {
     }
 }
 
-pub(super) fn notify(state: NotifyState<'_>) {
-    if let Err(error) = sd_notify::notify(&[state]) {
-        tracing::debug!("the service manager could not be notified: {error}");
-    }
-}
-
-/// Pings the manager twice in each of its watchdog periods, as long as the service is alive.
-#[derive(Debug)]
-pub(super) struct Watchdog {
-    period: Duration,
-    last_ping_us: u64,
-}
-
-impl Watchdog {
-    /// A watchdog for the period in the environment; `None` if the manager has not asked for pings.
-    pub(super) fn from_env(now_us: u64) -> Option<Self> {
-        sd_notify::watchdog_enabled().map(|timeout| Self { period: timeout / 2, last_ping_us: now_us })
-    }
-
-    pub(super) fn is_ping_due(&mut self, is_alive: bool, now_us: u64) -> bool {
-        let is_due = is_alive && u128::from(now_us.saturating_sub(self.last_ping_us)) >= self.period.as_micros();
-        if is_due {
-            self.last_ping_us = now_us;
-        }
-        is_due
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,17 +83,5 @@ mod tests {
         heartbeats.hot(Phase::Open, 100 * S);
         heartbeats.sender(100 * S);
         assert!(heartbeats.are_alive(105 * S - 1) && !heartbeats.are_alive(105 * S));
-    }
-
-    #[test]
-    fn a_stuck_service_gets_no_ping_and_one_that_recovers_gets_the_next_at_once() {
-        // A supervisor that looks every 50 ms.
-        let pings_ms = |is_alive: fn(&u64) -> bool| {
-            let mut watchdog = Watchdog { period: Duration::from_secs(1), last_ping_us: 0 };
-            let is_ping_due = |ms: &u64| watchdog.is_ping_due(is_alive(ms), ms * 1000);
-            (50..5000).step_by(50).filter(is_ping_due).collect::<Vec<u64>>()
-        };
-        assert_eq!(pings_ms(|ms| *ms < 2500), [1000, 2000]);
-        assert_eq!(pings_ms(|ms| !(2500..3400).contains(ms)), [1000, 2000, 3400, 4400]);
     }
 }

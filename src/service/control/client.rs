@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::calibration::{KeptProfile, Listed, Progress};
 use crate::service::metrics::MAX_REQUEST_BYTES;
 
-const MAX_LINE: usize = 256;
+pub(super) const MAX_LINE: usize = 256;
 const SOCKET: &str = "control";
 /// Where the service manager puts the runtime directory of the service.
 const SYSTEM_FOLDER: &str = "/run/facewire";
@@ -166,62 +166,5 @@ fn is_later(error: &io::Error) -> bool {
 impl AsFd for Client {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.stream.as_fd()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::os::fd::OwnedFd;
-    use std::os::unix::net::UnixStream;
-
-    use super::*;
-
-    fn pair() -> (Client, UnixStream) {
-        let (server, client) = UnixStream::pair().unwrap();
-        server.set_nonblocking(true).unwrap();
-        (Client::new(OwnedFd::from(server).into(), Speaks::Requests), client)
-    }
-
-    #[test]
-    fn requests_are_lines_that_people_can_type_in_pieces_and_nonsense_and_endless_lines_are_refused() {
-        let wearer = Some("anna".to_owned());
-        let longest = Request::Delete { wearer: "a".repeat(32) };
-        for (line, want) in [
-            (r#"{"do":"use","wearer":null}"#, Ok(Request::Use { wearer: None })),
-            (r#"{"do":"calibrate","wearer":"anna"}"#, Ok(Request::Calibrate { wearer })),
-            (&serde_json::to_string(&longest).unwrap(), Ok(longest)),
-            (r#"{"do":"dance"}"#, Err("not understood")),
-            (r#"{"do":"list","all":true}"#, Err("not understood")),
-            ("hello", Err("not understood")),
-            (&"x".repeat(4 * MAX_LINE), Err("bytes")),
-        ] {
-            let (mut client, mut far) = pair();
-            let (first, last) = line.split_at(4);
-            far.write_all(first.as_bytes()).unwrap();
-            assert!(!client.receive().unwrap() && client.request().is_none());
-            far.write_all(format!("{last}\n").as_bytes()).unwrap();
-            client.receive().unwrap();
-            match (client.request().unwrap(), want) {
-                (Err(refusal), Err(why)) => assert!(refusal.contains(why), "{line}: {refusal}"),
-                (request, want) => assert_eq!(request, want.map_err(str::to_owned), "{line}"),
-            }
-        }
-    }
-
-    #[test]
-    fn client_that_does_not_read_is_behind_until_it_does_and_one_that_has_gone_is_told_from_it() {
-        let (mut client, mut far) = pair();
-        let [patience, none] = [Duration::from_secs(60), Duration::ZERO];
-        assert!(!client.has_gone(none), "there is nothing to read");
-        client.send(&Reply::Done("x".repeat(1 << 20))).unwrap();
-        assert!(client.is_behind() && !client.has_gone(patience) && client.has_gone(none));
-        far.set_nonblocking(true).unwrap();
-        let mut read = Vec::new();
-        while client.is_behind() || !read.ends_with(b"\"}\n") {
-            let _ = far.read_to_end(&mut read);
-            client.flush().unwrap();
-        }
-        drop(far);
-        assert!(client.has_gone(patience) && client.receive().unwrap());
     }
 }

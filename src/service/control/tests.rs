@@ -1,5 +1,5 @@
 use std::fs;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::thread;
@@ -7,6 +7,7 @@ use std::thread;
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
+use super::client::MAX_LINE;
 use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
 use crate::calibration::{Phase, Refusal, Seen, Take};
@@ -164,14 +165,15 @@ fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     let mut rig = Rig::new();
     let _answers = rig.calibrate("anna");
-    let control = Control { stop: Some(rig.stop), thread: thread::spawn(|| rig.server.run()) };
+    let control = rig.server.start().unwrap();
     let socket = rig.folder.path().join("run/control");
     while fs::metadata(&socket).is_ok_and(|file| file.permissions().mode() & 0o777 != 0o600) || !socket.exists() {
         thread::yield_now();
     }
     let mode = fs::metadata(rig.folder.path().join("run")).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o700, "it belongs to its user alone");
-    drop(control);
+    drop(rig.stop);
+    control.join().unwrap();
     rig.observer.publish(|| panic!("nobody wants observations any more"));
     assert!(!socket.exists() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
@@ -273,4 +275,46 @@ fn wearers_that_are_not_there_or_named_wrongly_are_refused_with_the_remedy() {
     assert!(rig.refused(calibrate("a b")).contains("letters"));
     assert!(matches!(rig.ask(Request::Use { wearer: None }).next(), Some(Reply::Done(_))));
     assert_eq!(rig.told.recv().unwrap().profile, Some(Profile::default()));
+}
+
+#[test]
+fn requests_are_lines_that_people_can_type_in_pieces_and_nonsense_and_endless_lines_are_refused() {
+    let wearer = Some("anna".to_owned());
+    let longest = Request::Delete { wearer: "a".repeat(32) };
+    for (line, want) in [
+        (r#"{"do":"use","wearer":null}"#, Ok(Request::Use { wearer: None })),
+        (r#"{"do":"calibrate","wearer":"anna"}"#, Ok(Request::Calibrate { wearer })),
+        (&serde_json::to_string(&longest).unwrap(), Ok(longest)),
+        (r#"{"do":"dance"}"#, Err("not understood")),
+        (r#"{"do":"list","all":true}"#, Err("not understood")),
+        ("hello", Err("not understood")),
+        (&"x".repeat(4 * MAX_LINE), Err("bytes")),
+    ] {
+        let (mut client, mut far) = client();
+        let (first, last) = line.split_at(4);
+        far.write_all(first.as_bytes()).unwrap();
+        assert!(!client.receive().unwrap() && client.request().is_none());
+        far.write_all(format!("{last}\n").as_bytes()).unwrap();
+        client.receive().unwrap();
+        match (client.request().unwrap(), want) {
+            (Err(refusal), Err(why)) => assert!(refusal.contains(why), "{line}: {refusal}"),
+            (request, want) => assert_eq!(request, want.map_err(str::to_owned), "{line}"),
+        }
+    }
+}
+
+#[test]
+fn client_that_does_not_read_is_behind_until_it_does_and_one_that_has_gone_is_told_from_it() {
+    let (mut client, mut far) = client();
+    let [patience, none] = [Duration::from_secs(60), Duration::ZERO];
+    assert!(!client.has_gone(none), "there is nothing to read");
+    client.send(&Reply::Done("x".repeat(1 << 20))).unwrap();
+    assert!(client.is_behind() && !client.has_gone(patience) && client.has_gone(none));
+    let mut read = Vec::new();
+    while client.is_behind() || !read.ends_with(b"\"}\n") {
+        let _ = far.read_to_end(&mut read);
+        client.flush().unwrap();
+    }
+    drop(far);
+    assert!(client.has_gone(patience) && client.receive().unwrap());
 }

@@ -7,7 +7,6 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
 use std::thread::{self, Thread};
-use std::time::Duration;
 
 use facewire_packet::Reason;
 use triple_buffer::Input;
@@ -87,27 +86,14 @@ pub(super) struct HotLoop {
     rehearsed: ImpairmentSet,
 }
 
-enum Trouble {
-    Retry(Reason, Event),
-    /// Trying again in this process does not help.
-    Fatal(ServiceError),
-}
-
-impl Trouble {
-    fn no_camera(error: CaptureError) -> Self {
-        Self::camera("no camera", error)
-    }
-
-    fn camera_lost(error: CaptureError) -> Self {
-        Self::camera("camera lost", error)
-    }
-
-    fn camera(what: &'static str, error: CaptureError) -> Self {
-        match error {
-            // The camera stays busy until the process ends.
-            CaptureError::NotStopped { .. } => Self::Fatal(error.into()),
-            error => Self::Retry(Reason::NoCamera, Event::Blind(what, error.to_string())),
-        }
+/// Whether another attempt in this process can succeed.
+fn can_pass(error: &ServiceError) -> bool {
+    match error {
+        // The camera stays busy until the process ends.
+        ServiceError::Camera(error) => !matches!(error, CaptureError::NotStopped { .. }),
+        // A file that was missing may be copied at this moment, and so be incomplete.
+        ServiceError::Setup(error) => matches!(error, SetupError::Model { .. }),
+        _ => false,
     }
 }
 
@@ -145,46 +131,35 @@ impl HotLoop {
             self.enter(Phase::Open);
             self.adopt();
             let outcome = self.attempt();
-            let lasted = self.opened_us.take().map_or(Duration::ZERO, |opened_us| between(opened_us, monotonic_us()));
+            let lasted = self.opened_us.take().map(|opened_us| between(opened_us, monotonic_us()));
+            let is_camera = matches!(outcome, Ok(()) | Err(ServiceError::Camera(_)));
+            self.outlets.report(Err(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
             match outcome {
-                Ok(()) => self.outlets.report(Err(Reason::NoCamera)),
-                Err(Trouble::Retry(reason, event)) => {
-                    self.outlets.report(Err(reason));
-                    self.tell(event);
-                    self.enter(Phase::Open);
-                    let wait = camera::wait_after(lasted, &mut back_off);
-                    if !self.counters.stopping() {
-                        thread::park_timeout(wait);
-                    }
-                }
-                Err(Trouble::Fatal(error)) => {
-                    let is_camera = matches!(error, ServiceError::Camera(_));
-                    self.outlets.report(Err(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
-                    return Err(error);
-                }
+                Ok(()) => continue,
+                Err(error) if !can_pass(&error) => return Err(error),
+                Err(error) if !is_camera => self.tell(Event::Blind("no model", error.to_string())),
+                Err(error) if lasted.is_none() => self.tell(Event::Blind("no camera", error.to_string())),
+                Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
+            }
+            self.enter(Phase::Open);
+            let wait = camera::wait_after(lasted.unwrap_or_default(), &mut back_off);
+            if !self.counters.stopping() {
+                thread::park_timeout(wait);
             }
         }
         Ok(())
     }
 
     /// Loads what is missing, and runs frames until something fails, or until the service stops or wants another camera.
-    fn attempt(&mut self) -> Result<(), Trouble> {
+    fn attempt(&mut self) -> Result<(), ServiceError> {
         if self.pipeline.is_none() {
             let settings = self.settings.clone();
             let loaded = self.load(move || Pipeline::load(&settings, true))?;
-            let pipeline = self.pipeline.insert(loaded.map_err(|error| match error {
-                // A file that was missing may be copied at this moment, and so be incomplete.
-                SetupError::Model { .. } => {
-                    Trouble::Retry(Reason::BadResult, Event::Blind("no model", error.to_string()))
-                }
-                SetupError::Networks(_) => Trouble::Fatal(error.into()),
-            })?);
-            pipeline.solver.profile = self.profile.clone();
+            self.pipeline.insert(loaded?).solver.profile = self.profile.clone();
         }
         self.enter(Phase::Open);
         let is_small = self.counters.small_picture.load(Relaxed);
-        let camera = OpenCamera::begin(&self.settings.camera, is_small);
-        let mut camera = camera.map_err(Trouble::no_camera)?;
+        let mut camera = OpenCamera::begin(&self.settings.camera, is_small)?;
         let outcome = self.show(&mut camera, is_small);
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
@@ -192,15 +167,15 @@ impl HotLoop {
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
-        camera.close().map_err(Trouble::camera_lost)?;
+        camera.close()?;
         outcome
     }
 
-    fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, Trouble> {
-        self.loader.begin(job).recv().map_err(|_| Trouble::Fatal(ServiceError::Panicked("loader")))
+    fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
+        self.loader.begin(job).recv().map_err(|_| ServiceError::Panicked("loader"))
     }
 
-    fn show(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), Trouble> {
+    fn show(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), ServiceError> {
         self.enter_wait();
         let outcome = camera.await_picture(|| {
             self.enter_wait();
@@ -208,7 +183,7 @@ impl HotLoop {
         });
         let source = &mut *camera.source;
         self.account(source);
-        outcome.map_err(Trouble::no_camera)?;
+        outcome?;
         add(&self.counters.opened, 1);
         self.counters.has_smaller_mode.store(source.has_smaller_mode(), Relaxed);
         self.counters.camera_open.store(true, Relaxed);
@@ -220,7 +195,7 @@ impl HotLoop {
         self.stream(camera, is_small)
     }
 
-    fn stream(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), Trouble> {
+    fn stream(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), ServiceError> {
         while !self.counters.stopping() && !self.adopt() && self.counters.small_picture.load(Relaxed) == is_small {
             self.enter_wait();
             let step = self.counters.step();
@@ -233,9 +208,9 @@ impl HotLoop {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {
                     add(&self.counters.damaged, 1);
-                    camera.check().map_err(Trouble::camera_lost)
+                    camera.check().map_err(ServiceError::from)
                 }
-                Err(error) => Err(Trouble::camera_lost(error)),
+                Err(error) => Err(error.into()),
             };
             self.account(&mut *camera.source);
             self.watch.deliveries(&mut *camera.source);
@@ -254,7 +229,7 @@ impl HotLoop {
         self.counters.impairments.set_all(tally.rehearsed.iter().chain(before.iter()), tally.rehearsed);
     }
 
-    fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
+    fn frame(&mut self, frame: &Frame) -> Result<(), ServiceError> {
         let begun_us = self.enter(Phase::Work);
         let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, .. } = self else { return Ok(()) };
         let processed = pipeline.process(frame);
@@ -284,18 +259,18 @@ impl HotLoop {
         match self.engine.failed() {
             Remedy::Wait => Ok(()),
             Remedy::Reload => self.reload_engine(error),
-            Remedy::GiveUp => Err(Trouble::Fatal(SetupError::from(error).into())),
+            Remedy::GiveUp => Err(SetupError::from(error).into()),
         }
     }
 
-    fn reload_engine(&mut self, error: InferError) -> Result<(), Trouble> {
+    fn reload_engine(&mut self, error: InferError) -> Result<(), ServiceError> {
         self.enter(Phase::Open);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
         self.pipeline.iter_mut().for_each(|pipeline| pipeline.tracker = None);
         let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
         let loaded = self.load(move || load_tracker(&settings))?;
-        let tracker = loaded.map_err(|error| Trouble::Fatal(SetupError::from(error).into()))?;
+        let tracker = loaded.map_err(SetupError::from)?;
         self.pipeline.as_mut().map(|pipeline| pipeline.tracker.insert(tracker));
         self.tell(Event::EngineReloaded);
         Ok(())
@@ -436,12 +411,9 @@ mod tests {
 
     #[test]
     fn a_camera_that_cannot_be_stopped_ends_the_service_and_one_that_is_gone_does_not() {
-        let not_stopped =
-            || CaptureError::NotStopped { path: "/dev/video0".to_owned(), source: io::Error::other("stuck") };
-        for trouble in [Trouble::camera_lost(not_stopped()), Trouble::no_camera(not_stopped())] {
-            assert!(matches!(trouble, Trouble::Fatal(ServiceError::Camera(_))));
-        }
-        assert!(matches!(Trouble::camera_lost(CaptureError::Gone), Trouble::Retry(Reason::NoCamera, _)));
+        let (path, source) = ("/dev/video0".to_owned(), io::Error::other("stuck"));
+        assert!(!can_pass(&CaptureError::NotStopped { path, source }.into()));
+        assert!(can_pass(&CaptureError::Gone.into()));
     }
 
     /// Inferences that the engine of a test may still run, and the number of CPUs of the thread that loaded it last.

@@ -28,8 +28,8 @@ pub(super) struct Grant {
 }
 
 impl Grant {
-    fn new(request: String, outcome: Result<(), String>, remedy: &str) -> Self {
-        Self { request, refusal: outcome.err().map(|reason| (reason, remedy.to_owned())) }
+    fn new(request: String, outcome: io::Result<()>, remedy: &str) -> Self {
+        Self { request, refusal: outcome.err().map(|error| (error.to_string(), remedy.to_owned())) }
     }
 }
 
@@ -82,23 +82,23 @@ pub fn bind_to_hot_cpu(settings: &RealtimeSettings) -> Option<String> {
     hot.apply().first().map(Grant::to_string)
 }
 
-fn set_priority(priority: u32) -> Result<(), String> {
+fn set_priority(priority: u32) -> io::Result<()> {
     let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     let params = ScheduleParams { sched_priority: i32::try_from(priority).unwrap_or(i32::MAX) };
     let set = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::from_posix(params), fifo);
     set.map_err(|error| match error {
-        Error::OS(code) => io::Error::from_raw_os_error(code).to_string(),
-        other => other.to_string(),
+        Error::OS(code) => io::Error::from_raw_os_error(code),
+        other => io::Error::other(other.to_string()),
     })
 }
 
-fn set_cpu(cpu: usize) -> Result<(), String> {
+fn set_cpu(cpu: usize) -> io::Result<()> {
     if cpu >= CpuSet::MAX_CPU {
-        return Err(format!("the highest CPU number is {}", CpuSet::MAX_CPU - 1));
+        return Err(io::Error::other(format!("the highest CPU number is {}", CpuSet::MAX_CPU - 1)));
     }
     let mut set = CpuSet::new();
     set.set(cpu);
-    sched_setaffinity(None, &set).map_err(|error| io::Error::from(error).to_string())
+    Ok(sched_setaffinity(None, &set)?)
 }
 
 /// Locks all present memory of the process, and loads the parts that are not in RAM yet: code, networks, heap, and the
@@ -109,7 +109,7 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 /// lock limit would then fail. The supervisor therefore calls this again after a camera was opened or settings were
 /// changed.
 pub(super) fn lock_memory() -> Grant {
-    let outcome = mlockall(MlockAllFlags::CURRENT).map_err(|error| io::Error::from(error).to_string());
+    let outcome = mlockall(MlockAllFlags::CURRENT).map_err(io::Error::from);
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
 }
 

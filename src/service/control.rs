@@ -10,7 +10,7 @@ pub(super) mod client;
 
 use std::error::Error;
 use std::fs::{DirBuilder, Permissions, set_permissions};
-use std::io::{self, PipeReader, PipeWriter, pipe};
+use std::io::{self, ErrorKind, PipeReader, PipeWriter, pipe};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
@@ -40,9 +40,8 @@ use facewire_face::Profile;
 
 /// Number of clients at a time at each door. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 4;
-/// Time between two looks at what the hot loop shows, at clients that have not asked yet, and at new settings.
+/// Time between two looks at what clients ask and the hot loop shows, and without clients at new settings.
 const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
-const LOOK_CLIENTS: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Time in which a client must ask, and in which it must take the answer.
 const ASK_PATIENCE: Duration = Duration::from_secs(2);
@@ -180,34 +179,25 @@ impl Server {
 
     fn wait(&mut self) -> bool {
         self.doors.iter_mut().for_each(Door::open);
-        let doors = self.doors.iter().filter_map(|door| {
-            let inside = self.clients.iter().filter(|client| client.speaks == door.speaks).count();
-            let admits = inside < MAX_CLIENTS && !door.rests();
-            Some(PollFd::new(door.listener.as_ref()?, if admits { PollFlags::IN } else { PollFlags::empty() }))
-        });
-        let clients = self.clients.iter();
-        let clients =
-            clients.map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN }));
-        let stop = PollFd::new(&self.stop_signal, PollFlags::IN);
-        let mut polled: Vec<_> = std::iter::once(stop).chain(doors).chain(clients).collect();
-        let timeout = match (self.calibrating.is_some() || self.recording.is_some(), self.clients.is_empty()) {
-            (true, _) => LOOK_BUSY,
-            (false, false) => LOOK_CLIENTS,
-            (false, true) => LOOK_IDLE,
-        };
-        if let Err(error) = poll(&mut polled, Some(&timeout)) {
+        let inside = |speaks| self.clients.iter().filter(|client| client.speaks == speaks).count();
+        let admits = |door: &&mut Door| inside(door.speaks) < MAX_CLIENTS && !door.rests();
+        let doors: Vec<_> = self.doors.iter_mut().filter(admits).collect();
+        let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
+        polled.extend(doors.iter().filter_map(|door| Some(PollFd::new(door.listener.as_ref()?, PollFlags::IN))));
+        let is_idle = self.clients.is_empty() && self.calibrating.is_none() && self.recording.is_none();
+        if let Err(error) = poll(&mut polled, Some(if is_idle { &LOOK_IDLE } else { &LOOK_BUSY })) {
             return error == Errno::INTR;
         }
-        let is_ready: Vec<_> = polled.iter().map(|polled| !polled.revents().is_empty()).collect();
-        let mut is_ready = is_ready.into_iter();
-        let goes_on = is_ready.next() == Some(false);
-        for door in &mut self.doors {
-            let Some(listener) = door.listener.as_ref().filter(|_| is_ready.next() == Some(true)) else { continue };
-            match listener.accept() {
-                Ok(stream) => self.clients.push(Client::new(stream.into(), door.speaks)),
-                // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from
-                // spinning.
-                Err(_) => door.rests_until = Some(Instant::now() + RETRY_DELAY),
+        let goes_on = polled.first().is_some_and(|stop| stop.revents().is_empty());
+        for door in doors {
+            match door.listener.as_ref().map(Listener::accept) {
+                Some(Ok(stream)) => self.clients.push(Client::new(stream.into(), door.speaks)),
+                Some(Err(error)) if error.kind() != ErrorKind::WouldBlock => {
+                    // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from
+                    // spinning.
+                    door.rests_until = Some(Instant::now() + RETRY_DELAY);
+                }
+                Some(Err(_)) | None => {}
             }
         }
         goes_on

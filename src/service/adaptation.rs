@@ -16,7 +16,6 @@ use std::fmt;
 use std::time::Duration;
 
 use super::failsafe::LIVE_FRAMES;
-use super::timing::Load;
 use crate::impairment::{Impairment, ImpairmentSet};
 
 /// Longest time between two processed frames. A face that moves less often than twice a second is of no use, and the
@@ -232,6 +231,16 @@ impl Adaptation {
         let is_time = self.changed_us.is_some_and(|at_us| now_us.saturating_sub(at_us) >= wait_us);
         load.filter(|load| is_time && load.share_on(self.step) <= 1.0).map(|_| above)
     }
+}
+
+/// What a frame costs, and how much time the camera leaves for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Load {
+    /// Decoding and processing of a frame with all networks. Four in five frames take no longer.
+    pub(super) busy: Duration,
+    /// The part of it that decoding takes, on average.
+    pub(super) decoding: Duration,
+    pub(super) camera_period: Duration,
 }
 
 impl Load {

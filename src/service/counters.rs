@@ -4,14 +4,13 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use facewire_packet::{NeutralFace, State};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
 use super::adaptation::{Cause, Step};
-use super::timing::{Load, Times, micros, quantiles};
+use super::timing::{Times, quantiles};
 use super::watchdog::Heartbeats;
 use crate::calibration::WearerName;
 use crate::impairment::{Impairment, Impairments};
@@ -53,17 +52,10 @@ pub(super) struct Counters {
     /// Packets of all links, counted by the links themselves.
     pub(super) traffic: Arc<Traffic>,
     pub(super) links_open: AtomicU64,
-    /// The first link whose last packet the network refused: its index plus 1 in the upper half, the system's error
-    /// number in the lower half; 0 if there is none. Both share a word so that they always belong together.
-    refusal: AtomicU64,
     /// Mean time between processed frames at present, microseconds. The failsafe is more patient with slow cameras.
     pub(super) frame_period_us: AtomicU64,
     pub(super) impairments: Impairments,
     state: AtomicUsize,
-    /// The load. A reader may see parts of an old and of a new one. `busy_us` is 0 while the load is not known.
-    busy_us: AtomicU64,
-    decoding_us: AtomicU64,
-    camera_period_us: AtomicU64,
     /// The step of the pipeline, as an index into [`Step::ALL`].
     step: AtomicUsize,
     /// Why the step is not the first one, as an index into [`Cause::NAMES`] plus 1; 0 on the first step.
@@ -154,33 +146,6 @@ impl Counters {
 
     pub(super) fn set_wearer(&self, name: Option<WearerName>) {
         *self.wearer.lock().unwrap_or_else(PoisonError::into_inner) = name;
-    }
-
-    /// Sets the first link that the network refuses, by its index, and the system's error number.
-    pub(super) fn set_refusal(&self, refusal: Option<(u32, i32)>) {
-        let word = refusal.map_or(0, |(link, error)| (u64::from(link) + 1) << 32 | u64::from(error.unsigned_abs()));
-        self.refusal.store(word, Relaxed);
-    }
-
-    pub(super) fn refusal(&self) -> Option<(usize, io::Error)> {
-        let word = self.refusal.load(Relaxed);
-        let link = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
-        let error = i32::try_from(word & u64::from(u32::MAX)).ok()?;
-        Some((link, io::Error::from_raw_os_error(error)))
-    }
-
-    pub(super) fn set_load(&self, load: Option<Load>) {
-        if let Some(load) = load {
-            self.decoding_us.store(micros(load.decoding), Relaxed);
-            self.camera_period_us.store(micros(load.camera_period), Relaxed);
-        }
-        self.busy_us.store(load.map_or(0, |load| micros(load.busy).max(1)), Relaxed);
-    }
-
-    pub(super) fn load(&self) -> Option<Load> {
-        let [busy, decoding, camera_period] = [&self.busy_us, &self.decoding_us, &self.camera_period_us]
-            .map(|time_us| Duration::from_micros(time_us.load(Relaxed)));
-        (!busy.is_zero()).then_some(Load { busy, decoding, camera_period })
     }
 
     pub(super) fn set_state(&self, state: State) {

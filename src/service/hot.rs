@@ -12,6 +12,7 @@ use facewire_packet::Reason;
 use triple_buffer::Input;
 
 use super::ServiceError;
+use super::adaptation::Load;
 use super::camera::{self, OpenCamera};
 use super::counters::Counters;
 use super::failsafe::News;
@@ -41,6 +42,7 @@ const GOOD_RUNS_BEFORE_TRUST: u32 = 300;
 pub(super) struct Outlets {
     pub(super) news: Input<News>,
     pub(super) wake: Thread,
+    pub(super) loads: Input<Option<Load>>,
     pub(super) events: mpsc::Sender<Event>,
     pub(super) observer: Observer<Observation>,
     pub(super) recorder: Observer<Recorded>,
@@ -225,6 +227,7 @@ impl HotLoop {
         add(&self.counters.skipped, tally.for_newer.into());
         add(&self.counters.left_out, tally.left_out.into());
         self.timing.decoded(tally.decoding);
+        self.outlets.loads.write(self.timing.load());
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
         self.counters.impairments.set_all(tally.rehearsed.iter().chain(before.iter()), tally.rehearsed);
     }
@@ -380,7 +383,8 @@ mod tests {
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
         let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
         let (observer, recorder) = (observer::channel(observer::OBSERVED).0, observer::channel(observer::RECORDED).0);
-        let outlets = Outlets { news, wake: thread::current(), events, observer, recorder };
+        let loads = triple_buffer::triple_buffer(&None).0;
+        let outlets = Outlets { news, wake: thread::current(), loads, events, observer, recorder };
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
         let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());

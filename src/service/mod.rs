@@ -26,6 +26,7 @@ use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
 use facewire_packet::Reason;
+use triple_buffer::triple_buffer;
 
 pub use adaptation::Step;
 pub use camera::OpenCamera;
@@ -96,19 +97,20 @@ pub fn run(
         Ok(Err(error)) => return Err(error.into()),
         Err(_) => return Err(ServiceError::Panicked("loader")),
     };
-    let (newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
+    let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
+    let ((loads, load), (refusals, refusal)) = (triple_buffer(&None), triple_buffer(&None));
     let (events, heard) = mpsc::channel();
     counters.heartbeats.hot(Phase::Open, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
     let shared = Arc::clone(&counters);
-    let run_sender = |changes| Sender { links, changes, news, counters: shared }.run();
+    let run_sender = |changes| Sender { links, changes, news, refusals, counters: shared }.run();
     let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
     let ((observer, observed), (recorder, recorded)) =
         (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
     let wake = sender.thread().clone();
-    let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
+    let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder };
     let profile = profile_of(&settings, &counters);
     let (live, shared) = (settings.clone(), Arc::clone(&counters));
     let for_hot = loader.clone();
@@ -135,7 +137,7 @@ pub fn run(
         loader,
         preparing: None,
     };
-    let mut supervisor = Supervisor::new(Arc::clone(&counters), heard, reloader);
+    let mut supervisor = Supervisor::new(Arc::clone(&counters), heard, load, refusal, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender, hot);

@@ -10,7 +10,7 @@ use std::thread::{self, Builder};
 use std::time::{Duration, Instant};
 
 use facewire_packet::{Reason, State};
-use triple_buffer::Output as Newest;
+use triple_buffer::{Input, Output as Newest};
 
 use super::counters::Counters;
 use super::failsafe::{Failsafe, History, News};
@@ -36,6 +36,8 @@ pub(super) struct Sender {
     pub(super) links: Links,
     pub(super) changes: mpsc::Receiver<Links>,
     pub(super) news: Newest<News>,
+    /// The first link whose last packet the network refused, and the system's error number.
+    pub(super) refusals: Input<Option<(usize, i32)>>,
     pub(super) counters: Arc<Counters>,
 }
 
@@ -92,7 +94,9 @@ impl Sender {
     fn offer(&mut self, output: &Output) -> u64 {
         self.counters.set_state(output.state);
         let wait_us = self.links.offer(monotonic_us(), output);
-        self.links.count(&self.counters);
+        self.counters.links_open.store(self.links.each().filter(|(_, link)| link.is_open()).count() as u64, Relaxed);
+        let mut links = self.links.each().enumerate();
+        self.refusals.write(links.find_map(|(index, (_, link))| Some((index, link.refusal()?))));
         wait_us
     }
 }
@@ -157,13 +161,6 @@ impl Links {
         self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
 
-    fn count(&mut self, counters: &Counters) {
-        let open = self.each().filter(|(_, link)| link.is_open()).count();
-        counters.links_open.store(open as u64, Relaxed);
-        let refusal = (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.refusal()?)));
-        counters.set_refusal(refusal);
-    }
-
     fn close(mut self) {
         self.each().for_each(|(_, link)| link.stop());
         ends_before(Instant::now() + LAST_PACKET, || self.each().all(|(_, link)| link.has_ended()));
@@ -184,7 +181,8 @@ pub fn replay<E: From<ServiceError>>(
     counters.catch_signals().map_err(ServiceError::from)?;
     let links = Links::change(settings, &[], &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-    let sender = Sender { links, changes: mpsc::channel().1, news, counters: Arc::clone(&counters) };
+    let (changes, refusals) = (mpsc::channel().1, triple_buffer::triple_buffer(&None).0);
+    let sender = Sender { links, changes, news, refusals, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
     let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));

@@ -1,18 +1,19 @@
 //! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
+use triple_buffer::Output;
 
-use super::adaptation::{Adaptation, Cause, Conditions, Step};
+use super::adaptation::{Adaptation, Cause, Conditions, Load, Step};
 use super::counters::Counters;
 use super::hot::Event;
 use super::realtime::{self, Grant};
 use super::reload::Reloader;
-use super::timing::Load;
 use crate::capture::monotonic_us;
 use crate::hardware::{self, Hardware, Machine};
 use crate::impairment::{Impairment, ImpairmentSet};
@@ -26,6 +27,8 @@ const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 pub(super) struct Supervisor {
     counters: Arc<Counters>,
     events: Receiver<Event>,
+    load: Output<Option<Load>>,
+    refusal: Output<Option<(usize, i32)>>,
     reloader: Reloader,
     /// The period of the service manager's watchdog, if it has asked for pings, and when it got the last one.
     watchdog: Option<(Duration, Instant)>,
@@ -35,13 +38,19 @@ pub(super) struct Supervisor {
 }
 
 impl Supervisor {
-    pub(super) fn new(counters: Arc<Counters>, events: Receiver<Event>, reloader: Reloader) -> Self {
+    pub(super) fn new(
+        counters: Arc<Counters>,
+        events: Receiver<Event>,
+        load: Output<Option<Load>>,
+        refusal: Output<Option<(usize, i32)>>,
+        reloader: Reloader,
+    ) -> Self {
         let watchdog = sd_notify::watchdog_enabled().map(|period| (period, Instant::now()));
         let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
         let blind_because = "no camera has been opened yet".to_owned();
         let log = Log { blind_because, last_status: Some((Instant::now(), 0)), ..Log::default() };
         let adaptation = Adaptation::default();
-        Self { counters, events, reloader, watchdog, adaptation, log, hardware }
+        Self { counters, events, load, refusal, reloader, watchdog, adaptation, log, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
@@ -104,7 +113,7 @@ impl Supervisor {
 
     fn adapt(&mut self, now_us: u64) {
         let (counters, adaptation) = (&self.counters, &mut self.adaptation);
-        let load = counters.load().filter(|_| counters.camera_open.load(Relaxed));
+        let load = self.load.read().filter(|_| counters.camera_open.load(Relaxed));
         let before = (adaptation.step, adaptation.picture.is_small);
         let conditions = Conditions {
             is_allowed: self.reloader.live.adaptation.enabled,
@@ -137,9 +146,10 @@ impl Supervisor {
             return;
         }
         notify(NotifyState::Status(&self.log.status(&self.counters)));
-        let refused = self.counters.refusal();
-        let refused = refused.and_then(|(index, reason)| Some((self.reloader.live.links.get(index)?, reason)));
-        let Some((link, reason)) = refused else { return self.log.refusals.clear() };
+        let refused =
+            self.refusal.read().and_then(|(index, error)| Some((self.reloader.live.links.get(index)?, error)));
+        let Some((link, error)) = refused else { return self.log.refusals.clear() };
+        let reason = io::Error::from_raw_os_error(error);
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
         let line = format!("link {link}: the network takes no packets ({reason}); {remedy}");
         if self.log.refusals.is_new(&line) {

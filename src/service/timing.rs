@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use heapless::HistoryBuf;
 
-use super::adaptation::Step;
+use super::adaptation::{Load, Step};
 use super::counters::Counters;
 use crate::capture::{FrameRate, Source};
 use crate::pipeline::StageTimes;
@@ -139,16 +139,6 @@ pub(super) fn between(begun_us: u64, ended_us: u64) -> Duration {
     Duration::from_micros(ended_us.saturating_sub(begun_us))
 }
 
-/// What a frame costs, and how much time the camera leaves for it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Load {
-    /// Decoding and processing of a frame with all networks. Four in five frames take no longer.
-    pub(super) busy: Duration,
-    /// The part of it that decoding takes, on average.
-    pub(super) decoding: Duration,
-    pub(super) camera_period: Duration,
-}
-
 /// Measures the frames of the open camera and adds to the counters.
 #[derive(Debug)]
 pub(super) struct FrameTiming {
@@ -175,7 +165,6 @@ impl FrameTiming {
         self.camera_period = Duration::from_micros(camera.frame_period_us().unwrap_or(asked.period_us()));
         self.last_captured_us = None;
         self.recent = HistoryBuf::new();
-        self.counters.set_load(None);
         self.take(self.step);
     }
 
@@ -222,10 +211,9 @@ impl FrameTiming {
         let is_late = busy > self.step.period(self.camera_period);
         self.counters.deadline_misses.fetch_add(u64::from(is_late), Relaxed);
         self.recent.write((self.step.full_busy(busy), decoding));
-        self.counters.set_load(self.load());
     }
 
-    fn load(&self) -> Option<Load> {
+    pub(super) fn load(&self) -> Option<Load> {
         let mut busy: heapless::Vec<_, FRAMES> = self.recent.iter().map(|(busy, _)| *busy).collect();
         busy.sort_unstable();
         let count = Some(busy.len()).filter(|count| *count >= LEAST_FRAMES)?;
@@ -236,7 +224,7 @@ impl FrameTiming {
     }
 }
 
-pub(super) fn micros(time: Duration) -> u64 {
+fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
 }
 
@@ -313,11 +301,11 @@ mod tests {
         ] {
             let mut timing = timing();
             frames.iter().for_each(|(ms, count)| (0..*count).for_each(|_| frame(&mut timing, 4, ms - 4)));
-            let load = timing.counters.load();
+            let load = timing.load();
             assert_eq!(load.map(|load| load.busy.as_millis()), want_ms, "{frames:?}");
             assert!(load.is_none_or(|load| load.decoding.as_millis() == 4), "{load:?}");
             timing.camera_opened(&Clip::once().unwrap(), 30);
-            assert_eq!(timing.counters.load(), None);
+            assert_eq!(timing.load(), None);
         }
     }
 }

@@ -25,8 +25,8 @@ type Values = [f32; SOURCE_COUNT];
 
 /// The channels of a board in the order of their numbers, and when they last moved.
 pub struct Board {
-    channels: Vec<Channel>,
-    moved_at: Option<Instant>,
+    pub channels: Vec<Channel>,
+    pub moved_at: Option<Instant>,
 }
 
 impl Board {
@@ -34,16 +34,6 @@ impl Board {
         let mut channels: Vec<Channel> = settings.iter().map(Channel::new).collect();
         channels.sort_by_key(|channel| channel.number);
         Self { channels, moved_at: None }
-    }
-
-    pub fn channels(&self) -> &[Channel] {
-        &self.channels
-    }
-
-    /// Returns the channels of a board whose next step takes no time.
-    pub fn paused(&mut self) -> &mut [Channel] {
-        self.moved_at = None;
-        &mut self.channels
     }
 
     /// Moves all channels on, and returns them.

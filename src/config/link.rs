@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::Path;
 
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
@@ -224,22 +223,6 @@ impl Section for Sources {
     }
 }
 
-/// How a link reaches its receiver.
-#[derive(Debug, Clone, Copy)]
-pub enum CarrierSettings<'a> {
-    Udp(&'a Address),
-    Serial {
-        device: &'a SerialDevice,
-        baud: u32,
-        auto: AutoDevice,
-    },
-    I2c(&'a Pca9685Settings),
-    /// Datagrams to those who ask for them.
-    Subscribers(&'a IFacialMocapSettings),
-    Stdout,
-    UnixSocket(&'a Path),
-}
-
 /// The kind of board for which `device = "auto"` searches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AutoDevice {
@@ -249,20 +232,33 @@ pub enum AutoDevice {
 }
 
 impl LinkKind {
-    pub fn carrier(&self) -> CarrierSettings<'_> {
-        let serial = |device, baud: &u32, auto| CarrierSettings::Serial { device, baud: *baud, auto };
+    /// The address to which all datagrams go.
+    pub fn address(&self) -> Option<&Address> {
         match self {
             Self::Udp(UdpSettings { address })
             | Self::LiveLink(LiveLinkSettings { address, .. })
             | Self::Vmc(VmcSettings { address, .. })
             | Self::Vrchat(VrchatSettings { address, .. })
-            | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => CarrierSettings::Udp(address),
-            Self::Serial(SerialSettings { device, baud }) => serial(device, baud, AutoDevice::Microcontroller),
-            Self::Maestro(MaestroSettings { device, baud, .. }) => serial(device, baud, AutoDevice::Maestro),
-            Self::Pca9685(settings) => CarrierSettings::I2c(settings),
-            Self::IFacialMocap(settings) => CarrierSettings::Subscribers(settings),
-            Self::Json(JsonSettings { to: JsonTarget::Stdout }) => CarrierSettings::Stdout,
-            Self::Json(JsonSettings { to: JsonTarget::Unix(path) }) => CarrierSettings::UnixSocket(path),
+            | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => Some(address),
+            _ => None,
+        }
+    }
+
+    /// The serial port, its baud rate, and what `device = "auto"` stands for.
+    pub fn line(&self) -> Option<(&SerialDevice, u32, AutoDevice)> {
+        match self {
+            Self::Serial(SerialSettings { device, baud }) => Some((device, *baud, AutoDevice::Microcontroller)),
+            Self::Maestro(MaestroSettings { device, baud, .. }) => Some((device, *baud, AutoDevice::Maestro)),
+            _ => None,
+        }
+    }
+
+    pub fn channels(&self) -> Option<&Vec<ChannelSettings>> {
+        match self {
+            Self::Maestro(MaestroSettings { channels, .. }) | Self::Pca9685(Pca9685Settings { channels, .. }) => {
+                Some(channels)
+            }
+            _ => None,
         }
     }
 }
@@ -271,7 +267,7 @@ impl LinkSettings {
     /// A link of this kind with the settings that suit it.
     pub(super) fn of(kind: LinkKind) -> Self {
         let mut link = Self { kind, ..Self::default() };
-        if matches!(link.kind, LinkKind::Maestro(_) | LinkKind::Pca9685(_)) {
+        if link.kind.channels().is_some() {
             (link.pace.pace, link.pace.rate_hz) = (PaceKind::Rate, SERVO_HZ);
         }
         link
@@ -332,20 +328,22 @@ pub(super) fn links(links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut
 
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.kind.carrier() {
-            CarrierSettings::Udp(address) => address.fmt(f),
-            CarrierSettings::Serial { device, .. } => device.fmt(f),
-            CarrierSettings::I2c(Pca9685Settings { bus, address, .. }) => {
+        match &self.kind {
+            LinkKind::Pca9685(Pca9685Settings { bus, address, .. }) => {
                 write!(f, "I2C bus {bus}, address {address:#04x}")
             }
-            CarrierSettings::Subscribers(IFacialMocapSettings { listen, address, .. }) => match (listen, address) {
+            LinkKind::IFacialMocap(IFacialMocapSettings { listen, address, .. }) => match (listen, address) {
                 (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
                 (Some(listen), None) => write!(f, "those who ask at {listen}"),
                 (None, Some(address)) => address.fmt(f),
                 (None, None) => f.write_str("nobody"),
             },
-            CarrierSettings::Stdout => f.write_str("standard output"),
-            CarrierSettings::UnixSocket(path) => path.display().fmt(f),
+            LinkKind::Json(JsonSettings { to: JsonTarget::Stdout }) => f.write_str("standard output"),
+            LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) => path.display().fmt(f),
+            kind => {
+                kind.address().iter().try_for_each(|address| address.fmt(f))?;
+                kind.line().iter().try_for_each(|(device, ..)| device.fmt(f))
+            }
         }
     }
 }

@@ -12,9 +12,9 @@ use super::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_P
 use super::pca9685::{CHANNELS, Period};
 use super::vrchat::parameter_names;
 use crate::config::{
-    AutoDevice, CarrierSettings, ChannelSettings, Faults, IFacialMocapSettings, JsonTarget, LinkKind, LinkSettings,
-    Listen, Loss, MOST_MAESTRO_BAUD, MaestroSettings, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ,
-    SerialDevice, Settings, VrchatSettings, quoted,
+    AutoDevice, ChannelSettings, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings,
+    Listen, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ, SerialDevice, Settings,
+    VrchatSettings, quoted,
 };
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
@@ -32,20 +32,29 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
     for (index, link) in settings.links.iter().enumerate() {
         let earlier = settings.links.get(..index).unwrap_or_default();
         let mut check = Check { link, earlier, settings, faults };
-        if let Some(line) = line(link) {
+        if let Some(line) = link.kind.line() {
             check.port(line);
             check.speed(line);
         }
         match &link.kind {
-            LinkKind::Maestro(it) => check.servos(&ServoBoard::maestro(it), &it.channels),
+            LinkKind::Maestro(it) => {
+                // Those with 12 channels or more, which have the command for several targets, make longer pulses.
+                let longest_pulse_us = if it.multiple_targets { 4080 } else { 3280 };
+                let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
+                let board = ServoBoard { name: "Maestro", last_channel: 23, longest_pulse_us, least_limits };
+                check.servos(&board, &it.channels);
+            }
             LinkKind::Pca9685(it) => {
                 check.chip(it);
-                check.servos(&ServoBoard::pca9685(it), &it.channels);
+                let (longest_pulse_us, last_channel) =
+                    (Period::of(it).longest_pulse_us() as u32, u32::from(CHANNELS) - 1);
+                let board = ServoBoard { name: "PCA9685", last_channel, longest_pulse_us, least_limits: [0.0; 2] };
+                check.servos(&board, &it.channels);
                 let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";
                 check.need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
             }
             LinkKind::IFacialMocap(it) => check.listener(it),
-            LinkKind::Json(it) => check.socket(&it.to, control),
+            LinkKind::Json(it) => check.socket(it, control),
             LinkKind::Vrchat(it) => check.parameters(it),
             LinkKind::Udp(_) | LinkKind::Serial(_) | LinkKind::LiveLink(_) | LinkKind::Vmc(_) => {}
         }
@@ -54,33 +63,12 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
 
 type Line<'a> = (&'a SerialDevice, u32, AutoDevice);
 
-fn line(link: &LinkSettings) -> Option<Line<'_>> {
-    match link.kind.carrier() {
-        CarrierSettings::Serial { device, baud, auto } => Some((device, baud, auto)),
-        _ => None,
-    }
-}
-
 struct ServoBoard {
     name: &'static str,
     last_channel: u32,
     longest_pulse_us: u32,
     /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
     least_limits: [f32; 2],
-}
-
-impl ServoBoard {
-    fn maestro(settings: &MaestroSettings) -> Self {
-        // Those with 12 channels or more, which have the command for several targets, make longer pulses.
-        let longest_pulse_us = if settings.multiple_targets { 4080 } else { 3280 };
-        let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-        Self { name: "Maestro", last_channel: 23, longest_pulse_us, least_limits }
-    }
-
-    fn pca9685(settings: &Pca9685Settings) -> Self {
-        let longest_pulse_us = Period::of(settings).longest_pulse_us() as u32;
-        Self { name: "PCA9685", last_channel: u32::from(CHANNELS) - 1, longest_pulse_us, least_limits: [0.0; 2] }
-    }
 }
 
 struct Check<'a> {
@@ -102,10 +90,10 @@ impl Check<'_> {
     fn port(&mut self, (device, _, auto): Line<'_>) {
         let is_auto = *device == SerialDevice::Auto;
         let is_same = |other: Line<'_>| other.0 == device && (other.2 == auto || !is_auto);
-        let is_taken = self.earlier.iter().filter_map(line).any(is_same);
+        let is_taken = self.earlier.iter().filter_map(|link| link.kind.line()).any(is_same);
         let expected = "another port, or remove this link: an earlier link has the same port";
         self.need(!is_taken, "link.device", quoted(&device.to_string()), expected);
-        let mut others = self.settings.links.iter().filter_map(line);
+        let mut others = self.settings.links.iter().filter_map(|link| link.kind.line());
         let beside = others.find(|other| other.2 == auto && *other.0 != SerialDevice::Auto);
         if let (true, Some((other, ..))) = (is_auto, beside) {
             let why = format!("another link has the port {other}, which \"auto\" may find, too");
@@ -224,11 +212,10 @@ impl Check<'_> {
         self.need(!self.earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
     }
 
-    fn socket(&mut self, to: &JsonTarget, control: &[PathBuf]) {
-        let JsonTarget::Unix(path) = to else { return };
+    fn socket(&mut self, it: &JsonSettings, control: &[PathBuf]) {
+        let JsonTarget::Unix(path) = &it.to else { return };
         let is_path = |other: &Path| other == path;
-        let serves =
-            |link: &LinkSettings| matches!(link.kind.carrier(), CarrierSettings::UnixSocket(it) if is_path(it));
+        let serves = |link: &LinkSettings| matches!(&link.kind, LinkKind::Json(earlier) if earlier == it);
         let user = if self.earlier.iter().any(serves) {
             "an earlier link"
         } else if matches!(&self.settings.metrics.listen, Listen::Unix(other) if is_path(other)) {
@@ -286,16 +273,11 @@ pub fn notes(settings: &Settings) -> Vec<String> {
     let mut notes = notes_of_adjustments("adjust", &settings.adjust);
     for link in &settings.links {
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
-        let channels = match &link.kind {
-            LinkKind::LiveLink(it) => {
-                notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
-                continue;
-            }
-            LinkKind::Maestro(MaestroSettings { channels, .. })
-            | LinkKind::Pca9685(Pca9685Settings { channels, .. }) => channels,
-            _ => continue,
-        };
-        notes.extend(channels.iter().filter_map(|channel| {
+        if let LinkKind::LiveLink(it) = &link.kind {
+            notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
+        }
+        let channels = link.kind.channels().into_iter().flatten();
+        notes.extend(channels.filter_map(|channel| {
             let ([least, most], number) = (range(channel), channel.channel);
             let sum = format!("channel {number} of {link}: the sum of its sources goes from {least} to {most}");
             let is_limited = least < 0.0 || most > 1.0;
@@ -383,63 +365,62 @@ mod tests {
     #[test]
     fn two_links_that_listen_at_one_port_are_refused() {
         for (earlier, is_refused) in [
-            (["127.0.0.1:5000", "0.0.0.0:5000", "[::]:5000"], true),
-            (["127.0.0.1:5001", "127.0.0.2:5000", "[::1]:5000"], false),
+            ("127.0.0.1:5000", true),
+            ("0.0.0.0:5000", true),
+            ("[::]:5000", true),
+            ("127.0.0.1:5001", false),
+            ("127.0.0.2:5000", false),
+            ("[::1]:5000", false),
         ] {
-            for listen in earlier {
-                let [one, other] = [listen, "127.0.0.1:5000"].map(|listen| format!("listen = \"{listen}\"\n"));
-                let faults = faults(&[IFACIALMOCAP, &one, IFACIALMOCAP, &other]);
-                let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
-                assert_eq!((faults.starts_with(want), faults.is_empty()), (is_refused, !is_refused), "{faults}");
-            }
+            let [one, other] = [earlier, "127.0.0.1:5000"].map(|listen| format!("listen = \"{listen}\"\n"));
+            let faults = faults(&[IFACIALMOCAP, &one, IFACIALMOCAP, &other]);
+            let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
+            assert_eq!((faults.starts_with(want), faults.is_empty()), (is_refused, !is_refused), "{faults}");
         }
     }
 
     #[test]
     fn a_rate_above_80_percent_of_a_serial_line_is_refused_with_the_rates_that_fit() {
-        // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %.
-        let slow = "link.baud = 115200: give 230400 or more, or pace = \"rate\" and rate_hz = 68: 69 packets a second \
-                    need more than 80 % of the line at /dev/ttyS0";
-        for (baud, fps, rate_hz, pace, want) in [
-            (115_200, 30, 69, "pose", slow),
-            (115_200, 69, 30, "pose", slow),
-            (115_200, 30, 68, "pose", ""),
-            (115_200, 69, 30, "change", ""),
-            // Exactly 80 % for 60 packets are 100500 baud.
-            (
-                100_499,
-                60,
-                60,
-                "pose",
-                "link.baud = 100499: give 115200 or more, or pace = \"rate\" and rate_hz = 59: 60",
-            ),
-            (100_500, 60, 60, "pose", ""),
-            (19_200, 240, 240, "pose", "link.baud = 19200: give 460800 or more"),
-            (460_800, 240, 240, "pose", ""),
-            (19_200, 60, 60, "rate", "link.baud = 19200: give 115200 or more, or pace = \"rate\" and rate_hz = 11: 60"),
-            (19_200, 60, 11, "rate", ""),
-            // The line is judged when the rates are known.
-            (19_200, 0, 60, "pose", "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)"),
+        // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %. Exactly 80 % for 60 packets are
+        // 100500 baud.
+        let slower = |rate_hz: u32| format!("pace = \"rate\" and rate_hz = {rate_hz}");
+        for (baud, fps, rate_hz, pace, advice) in [
+            (115_200, 30, 69, "pose", format!("230400 or more, or {}: 69", slower(68))),
+            (115_200, 69, 30, "pose", format!("230400 or more, or {}: 69", slower(68))),
+            (115_200, 30, 68, "pose", String::new()),
+            (115_200, 69, 30, "change", String::new()),
+            (100_499, 60, 60, "pose", format!("115200 or more, or {}: 60", slower(59))),
+            (100_500, 60, 60, "pose", String::new()),
+            (19_200, 240, 240, "pose", format!("460800 or more, or {}: 240", slower(11))),
+            (460_800, 240, 240, "pose", String::new()),
+            (19_200, 60, 60, "rate", format!("115200 or more, or {}: 60", slower(11))),
+            (19_200, 60, 11, "rate", String::new()),
         ] {
             let rates = format!("[camera]\nfps = {fps}\n[send]\nrate_hz = {rate_hz}\n");
             let keys = format!("device = \"/dev/ttyS0\"\nbaud = {baud}\npace = \"{pace}\"\n");
-            let faults = faults(&[&rates, SERIAL, &keys]);
-            assert!(faults.starts_with(want) && faults.is_empty() == want.is_empty(), "{want}: {faults}");
-            assert!(!faults.contains('\n'), "{faults}");
+            assert_eq!(faults(&[&rates, SERIAL, &keys]), too_slow(baud, &advice, "/dev/ttyS0"));
         }
+        let faults = faults(&["[camera]\nfps = 0\n", SERIAL, "device = \"/dev/ttyS0\"\nbaud = 19200\n"]);
+        assert!(faults.starts_with("file:2: camera.fps = 0") && !faults.contains("link.baud"), "{faults}");
+    }
+
+    /// The fault of a serial line, or none if there is no advice.
+    fn too_slow(baud: u32, advice: &str, device: &str) -> String {
+        let because = format!("packets a second need more than 80 % of the line at {device}");
+        if advice.is_empty() { String::new() } else { format!("link.baud = {baud}: give {advice} {because}") }
     }
 
     #[test]
     fn the_advice_about_a_baud_rate_is_one_that_a_maestro_can_follow_and_by_usb_there_is_none() {
         let channels = |count: u32| (0..count).map(|number| JAW.replace('3', &number.to_string())).collect::<String>();
         assert_eq!(faults(&[MAESTRO, "rate_hz = 240\nbaud = 9600\n", &channels(24)]), "");
-        for (more, count, advice) in [
-            ("rate_hz = 60\n", 24, "115200: give pace = \"rate\" and rate_hz = 54: 60"),
-            ("baud = 9600\nrate_hz = 60\n", 24, "9600: give 115200, pace = \"rate\" and rate_hz = 54: 60"),
-            ("baud = 9600\n", 6, "9600: give 38400 or more, or pace = \"rate\" and rate_hz = 18: 50"),
+        for (baud, rate_hz, count, advice) in [
+            (115_200, 60, 24, "pace = \"rate\" and rate_hz = 54: 60"),
+            (9600, 60, 24, "115200, pace = \"rate\" and rate_hz = 54: 60"),
+            (9600, 50, 6, "38400 or more, or pace = \"rate\" and rate_hz = 18: 50"),
         ] {
-            let want = format!("link.baud = {advice} packets a second need more than 80 % of the line at /dev/ttyS1");
-            assert_eq!(faults(&[MAESTRO, "device = \"/dev/ttyS1\"\n", more, &channels(count)]), want);
+            let keys = format!("device = \"/dev/ttyS1\"\nbaud = {baud}\nrate_hz = {rate_hz}\n");
+            assert_eq!(faults(&[MAESTRO, &keys, &channels(count)]), too_slow(baud, advice, "/dev/ttyS1"));
         }
     }
 

@@ -124,7 +124,7 @@ fn errors(answer: &[u8]) -> Vec<&'static str> {
 }
 
 fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
-    for channel in Board::new(&settings.channels).channels() {
+    for channel in Board::new(&settings.channels).channels {
         let (span_us, limits) = (channel.span_us(), channel.limits);
         let speed = speed(limits.speed_per_s * span_us);
         let acceleration = acceleration(limits.acceleration_per_s2 * span_us);

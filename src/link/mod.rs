@@ -40,7 +40,7 @@ pub use self::output::{Output, Pace, Pose};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{CarrierSettings, LinkKind, LinkSettings};
+use crate::config::{AutoDevice, JsonSettings, JsonTarget, LinkKind, LinkSettings};
 
 /// Encodes an output as the link's packet of this number, in memory that was taken when the link was opened, and calls the
 /// last argument once for each message. The output is as the settings of the link want it: adjusted, and held or neutral
@@ -127,35 +127,32 @@ impl Link {
     /// again until they succeed.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let counters = || Arc::clone(traffic);
-        let (mut udp, mut device) = (None, None);
-        match settings.kind.carrier() {
-            CarrierSettings::Udp(address) => udp = Some(UdpCarrier::open(address, counters())?),
-            CarrierSettings::Serial { device: port, baud, auto } => {
-                let dialogue = match &settings.kind {
-                    LinkKind::Maestro(it) => maestro::dialogue(it),
-                    // The end of a frame separates the first frame from leftovers on the line.
-                    _ => (vec![0], None),
-                };
-                device = Some(serial_carrier(port, baud, auto, dialogue, counters())?);
+        let mut udp = settings.kind.address().map(|address| UdpCarrier::open(address, counters())).transpose()?;
+        let device = match &settings.kind {
+            // The end of a frame separates the first frame from leftovers on the line.
+            LinkKind::Serial(it) => {
+                Some(serial_carrier(&it.device, it.baud, AutoDevice::Microcontroller, (vec![0], None), counters())?)
             }
-            CarrierSettings::I2c(it) => {
-                device = Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?);
+            LinkKind::Maestro(it) => {
+                let dialogue = maestro::dialogue(it);
+                Some(serial_carrier(&it.device, it.baud, AutoDevice::Maestro, dialogue, counters())?)
             }
-            CarrierSettings::Subscribers(it) => {
+            LinkKind::Pca9685(it) => Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?),
+            LinkKind::IFacialMocap(it) => {
                 udp = it.address.as_ref().map(|address| UdpCarrier::open(address, counters())).transpose()?;
                 // With an address, only the messages to it are counted.
                 let others = if udp.is_some() { Arc::default() } else { counters() };
                 let server = it.listen.map(|listen| ifacialmocap::Server::new(listen, it.reply_port));
-                let server = server.map(|server| Background::start(settings, "fw-subscribe", server, others));
-                device = server.transpose()?;
+                server.map(|server| Background::start(settings, "fw-subscribe", server, others)).transpose()?
             }
-            CarrierSettings::Stdout => {
-                device = Some(Background::start(settings, "fw-stdout", json::Stdout, counters())?)
+            LinkKind::Json(JsonSettings { to: JsonTarget::Stdout }) => {
+                Some(Background::start(settings, "fw-stdout", json::Stdout, counters())?)
             }
-            CarrierSettings::UnixSocket(path) => {
-                device = Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?);
+            LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) => {
+                Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?)
             }
-        }
+            _ => None,
+        };
         let (gaze, shown, pace) = (Gaze::default(), Shown::default(), Pace::default());
         Ok(Self {
             encoder: encoder_of(&settings.kind),
@@ -176,30 +173,26 @@ impl Link {
     }
 
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
-        match settings.kind.carrier() {
-            CarrierSettings::Udp(address) => udp::check(address)?,
-            // A service that runs already listens there itself.
-            CarrierSettings::Subscribers(_) | CarrierSettings::Stdout | CarrierSettings::UnixSocket(_) => {}
-            CarrierSettings::I2c(board) => drop(pca9685::Bus::open(board)?),
-            CarrierSettings::Serial { device, baud, auto } => {
-                let port = match PortSearch::new(device, auto).find() {
-                    Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
-                    port => port?,
-                };
-                claims.push(PortClaim::acquire(&port)?);
-                open_port(&port, baud, Duration::ZERO)?;
-                return Ok(format!("{} at {baud} baud", port.display()));
-            }
+        if let Some(address) = settings.kind.address() {
+            udp::check(address)?;
+        } else if let LinkKind::Pca9685(board) = &settings.kind {
+            pca9685::Bus::open(board)?;
+        } else if let Some((device, baud, auto)) = settings.kind.line() {
+            let port = match PortSearch::new(device, auto).find() {
+                Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
+                port => port?,
+            };
+            claims.push(PortClaim::acquire(&port)?);
+            open_port(&port, baud, Duration::ZERO)?;
+            return Ok(format!("{} at {baud} baud", port.display()));
         }
+        // Where others listen, a service that runs already does so itself.
         Ok(settings.to_string())
     }
 
     /// Returns an error if the link leads to a host name that does not resolve at this moment.
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
-        match settings.kind.carrier() {
-            CarrierSettings::Udp(address) => udp::resolve(address).map(drop),
-            _ => Ok(()),
-        }
+        settings.kind.address().map_or(Ok(()), |address| udp::resolve(address).map(drop))
     }
 
     /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind.

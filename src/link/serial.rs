@@ -31,7 +31,7 @@ use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
-use self::board::{CLASS, restarts_board};
+use self::board::restarts_board;
 pub use self::board::{PortSearch, is_maestro};
 use super::background::{Background, Device};
 use super::{Inquiry, LinkError, LinkErrorKind, Traffic};
@@ -134,7 +134,7 @@ fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let prepared = rustix::fs::open(device, flags, Mode::empty())?;
         let dtr_rose = tcgetattr(&prepared)?.control_modes.contains(ControlModes::HUPCL);
-        let restarts = dtr_rose && restarts_board(device, Path::new(CLASS));
+        let restarts = dtr_rose && restarts_board(device);
         if !restarts {
             keep_dtr(&prepared)?;
         }

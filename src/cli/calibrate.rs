@@ -85,10 +85,10 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
 
 fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failure> {
     connection.ask(request)?;
-    let mut display = Display::new();
+    let mut shown = None;
     loop {
         match connection.reply()? {
-            Reply::Progress(progress) => display.show(&progress)?,
+            Reply::Progress(progress) => show(&progress, &mut shown)?,
             Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
             Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
             Reply::Frame(_) | Reply::Lost(_) => {}
@@ -203,7 +203,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 }
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
-    let (mut guide, mut display) = (Guide::new(pipeline.solver.model.clone()), Display::new());
+    let (mut guide, mut shown) = (Guide::new(pipeline.solver.model.clone()), None);
     let mut watch = Watch::new(HOLD_US);
     loop {
         if let Some(outcome) = guide.outcome() {
@@ -222,38 +222,27 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
             }
         };
         guide.update(&observation);
-        display.show(&guide.progress())?;
+        show(&guide.progress(), &mut shown)?;
     }
 }
 
 /// Shows progress on standard output: three lines that are drawn anew on a terminal, and a line for each change otherwise.
-struct Display {
-    is_terminal: bool,
-    last: Option<Progress>,
-}
-
-impl Display {
-    fn new() -> Self {
-        Self { is_terminal: io::stdout().is_terminal(), last: None }
-    }
-
-    fn show(&mut self, progress: &Progress) -> Result<(), Failure> {
-        let last = self.last.replace(progress.clone());
-        let shown = lines(progress);
-        if self.is_terminal {
-            let begin = match last {
-                Some(_) => "\x1b[3F", // to the beginning of the line three lines above
-                None => "Sit as usual, face the camera, and keep your head still.\n",
-            };
-            // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
-            let width = tcgetwinsize(io::stdout()).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
-            let drawn = shown.map(|line| format!("\x1b[2K{}\n", line.chars().take(width).collect::<String>()));
-            return print(&[begin, &drawn.concat()].concat());
-        }
+fn show(progress: &Progress, last: &mut Option<Progress>) -> Result<(), Failure> {
+    let last = last.replace(progress.clone());
+    let shown = lines(progress);
+    if !io::stdout().is_terminal() {
         let [task, _, state] = shown;
         let is_told = last.is_some_and(|last| last.says_the_same(progress));
-        if is_told { Ok(()) } else { print(&format!("{task}: {}\n", state.trim_start())) }
+        return if is_told { Ok(()) } else { print(&format!("{task}: {}\n", state.trim_start())) };
     }
+    let begin = match last {
+        Some(_) => "\x1b[3F", // to the beginning of the line three lines above
+        None => "Sit as usual, face the camera, and keep your head still.\n",
+    };
+    // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
+    let width = tcgetwinsize(io::stdout()).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
+    let drawn = shown.map(|line| format!("\x1b[2K{}\n", line.chars().take(width).collect::<String>()));
+    print(&[begin, &drawn.concat()].concat())
 }
 
 fn lines(progress: &Progress) -> [String; 3] {

@@ -11,8 +11,6 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{Registry, reload};
 
-use crate::config::{Choice as _, LogLevel};
-
 /// The largest write that a pipe reported as writable accepts without blocking (`PIPE_BUF` in pipe(7)).
 const LONGEST_LINE: usize = 4096;
 
@@ -20,8 +18,8 @@ const LONGEST_LINE: usize = 4096;
 pub type Level = reload::Handle<LevelFilter, Registry>;
 
 /// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own.
-pub fn start(level: LogLevel) -> Level {
-    let (filter, handle) = reload::Layer::new(filter(level));
+pub fn start(level: LevelFilter) -> Level {
+    let (filter, handle) = reload::Layer::new(level);
     let output = Mutex::new(Lossy { output: stderr(), lost: 0 });
     let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(output);
     // `tracing` would report that standard error is closed on standard error, and panic.
@@ -33,10 +31,6 @@ pub fn start(level: LogLevel) -> Level {
         registry.with(lines.with_timer(uptime()).with_ansi(stderr().is_terminal())).init();
     }
     handle
-}
-
-pub fn filter(level: LogLevel) -> LevelFilter {
-    level.name().parse().unwrap_or(LevelFilter::INFO)
 }
 
 /// An output that never blocks. If a line cannot be written at once, it is dropped, and the next line that can be

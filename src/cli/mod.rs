@@ -157,7 +157,7 @@ fn run_service(arguments: SettingsArgs) -> Result<(), Failure> {
     let settings = arguments.load()?;
     let level = log::start(settings.log.level);
     // This fails only after the log has been dropped.
-    let set_log_level = move |wanted| drop(level.reload(log::filter(wanted)));
+    let set_log_level = move |wanted| drop(level.reload(wanted));
     let status = service::run(settings, Arc::new(move || arguments.load()), Box::new(set_log_level))?;
     tracing::info!("stopped: {status}");
     Ok(())

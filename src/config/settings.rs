@@ -8,6 +8,7 @@ use super::{
     value::{ANY_TEXT, Listen, choice, choices, flag, listen, number, table, text, whole},
 };
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
+use tracing::level_filters::LevelFilter;
 
 section! {
     Settings {
@@ -93,7 +94,7 @@ section! {
 
     AdaptationSettings { enabled: bool = true, flag(); }
     MetricsSettings { listen: Listen = Listen::Off, listen(); }
-    LogSettings { level: LogLevel = LogLevel::Info, choice(); }
+    LogSettings { level: LevelFilter = LevelFilter::INFO, choice(); }
 }
 
 /// The board is chosen before the tables are read.
@@ -151,9 +152,7 @@ impl SmoothingSettings {
 }
 
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
-choices! {
-    pub enum LogLevel: Error = "error", Warn = "warn", Info = "info", Debug = "debug", Trace = "trace"
-}
+choices! { LevelFilter: ERROR = "error", WARN = "warn", INFO = "info", DEBUG = "debug", TRACE = "trace" }
 choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxruntime" }
 choices! {
     FilterKind: Off = "off", Kalman = "kalman", MovingAverage = "moving-average",

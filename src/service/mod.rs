@@ -26,6 +26,7 @@ use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
 use facewire_packet::Reason;
+use tracing::level_filters::LevelFilter;
 use triple_buffer::triple_buffer;
 
 pub use adaptation::Step;
@@ -48,7 +49,7 @@ use self::supervisor::Supervisor;
 use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
-use crate::config::{LogLevel, Settings};
+use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
 use crate::preflight::{SetupError, load_profile};
@@ -84,7 +85,7 @@ pub enum ServiceError {
 pub fn run(
     settings: Settings,
     load_settings: LoadSettings,
-    set_log_level: Box<dyn Fn(LogLevel)>,
+    set_log_level: Box<dyn Fn(LevelFilter)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;

@@ -8,11 +8,13 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, mpsc};
 use std::thread::Thread;
 
+use tracing::level_filters::LevelFilter;
+
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::loader::Loader;
 use super::sender::Links;
-use crate::config::{Faults, LogLevel, Settings};
+use crate::config::{Faults, Settings};
 use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
@@ -79,7 +81,7 @@ impl<T> Mailbox<T> {
 pub(super) struct Reloader {
     pub(super) live: Settings,
     pub(super) load_settings: LoadSettings,
-    pub(super) set_log_level: Box<dyn Fn(LogLevel)>,
+    pub(super) set_log_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<Links>,
     /// The control thread takes the settings from here within a second.

@@ -161,9 +161,7 @@ impl Tally {
     }
 
     fn summary(&self) -> String {
-        let (Some(first), Some(newest)) = (self.first, &self.packets.newest) else {
-            return "no packets".to_owned();
-        };
+        let (Some(first), Some(newest)) = (self.first, &self.packets.newest) else { return String::new() };
         let facewire_packet::Tally { packets, lost, refused, .. } = self.packets;
         let span_s = newest.at.duration_since(first).as_secs_f64();
         let rate_hz = if span_s > 0.0 { packets.saturating_sub(1) as f64 / span_s } else { 0.0 };

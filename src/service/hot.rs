@@ -11,16 +11,15 @@ use std::thread::{self, Thread};
 use facewire_packet::Reason;
 use triple_buffer::Input;
 
-use super::ServiceError;
 use super::adaptation::Load;
 use super::camera::{self, OpenCamera};
 use super::counters::Counters;
 use super::failsafe::News;
-use super::loader::Loader;
 use super::observer::Observer;
 use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
 use super::watchdog::Phase;
+use super::{Loader, ServiceError};
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};

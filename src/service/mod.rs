@@ -10,7 +10,6 @@ mod control;
 mod counters;
 pub mod failsafe;
 mod hot;
-mod loader;
 mod metrics;
 mod observer;
 mod realtime;
@@ -21,6 +20,7 @@ mod timing;
 mod watchdog;
 
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
@@ -41,7 +41,6 @@ use self::control::Server;
 use self::control::client::socket_path;
 use self::counters::Counters;
 use self::hot::{Event, HotLoop, Outlets};
-use self::loader::Loader;
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender};
@@ -188,6 +187,29 @@ fn spawn<T: Send + 'static, Change: Send + 'static>(
     })?;
     let mailbox = Mailbox { changes, thread: thread.thread().clone() };
     Ok((thread, mailbox))
+}
+
+/// The thread that loads networks, models and profiles, which may take seconds. It is one for all of them because the C library gives each thread
+/// a heap of its own, and keeps what was once in use there. It has neither the priority nor the CPU of the hot loop,
+/// which the helper threads of the networks would inherit.
+#[derive(Debug, Clone)]
+pub(super) struct Loader(mpsc::Sender<Box<dyn FnOnce() + Send>>);
+
+impl Loader {
+    pub(super) fn start() -> io::Result<Self> {
+        let (jobs, to_do) = mpsc::channel::<Box<dyn FnOnce() + Send>>();
+        let run = || to_do.into_iter().for_each(|job| drop(catch_unwind(AssertUnwindSafe(job))));
+        Builder::new().name("fw-load".to_owned()).stack_size(STACK_BYTES).spawn(run)?;
+        Ok(Self(jobs))
+    }
+
+    /// Begins a job. Its result never comes if it panics.
+    pub(super) fn begin<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> mpsc::Receiver<T> {
+        let (done, result) = mpsc::channel();
+        // Nobody waits for the result any more if the service ends meanwhile.
+        let _ = self.0.send(Box::new(move || drop(done.send(job()))));
+        result
+    }
 }
 
 /// Waits for the end of something, but no longer than until this time. Returns whether it has ended.

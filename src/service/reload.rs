@@ -10,9 +10,9 @@ use std::thread::Thread;
 
 use tracing::level_filters::LevelFilter;
 
+use super::Loader;
 use super::counters::Counters;
 use super::hot::HotChange;
-use super::loader::Loader;
 use super::sender::Links;
 use crate::config::{Faults, Settings};
 use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker};

@@ -203,25 +203,21 @@ pub fn replay<E: From<ServiceError>>(
     outcome.map(|()| [&counters.traffic.sent, &counters.traffic.dropped].map(|count| count.load(Relaxed)))
 }
 
-/// Turns the times of a recording into times of the monotonic clock.
+/// Turns the times of a recording into times of the monotonic clock: the last frame's time in the recording, and when it
+/// was due, microseconds.
 #[derive(Debug, Default)]
-struct Clock {
-    /// A time of the recording and the time of the monotonic clock at which it is due, microseconds.
-    anchor: Option<(u64, u64)>,
-    /// The last frame's time in the recording, and when it was due.
-    last: Option<(u64, u64)>,
-}
+struct Clock(Option<(u64, u64)>);
 
 impl Clock {
     /// When a frame of this time is due. One that is not later than the frame before, because the recording begins anew
     /// or states no times, follows that one after a frame period: otherwise it could keep a processor busy.
     fn due_us(&mut self, time_us: u64, now_us: u64) -> u64 {
-        if let Some((_, due_us)) = self.last.filter(|(last_us, _)| time_us <= *last_us) {
-            self.anchor = Some((time_us, now_us.max(due_us.saturating_add(FrameRate::FPS_30.period_us()))));
-        }
-        let (from_us, at_us) = *self.anchor.get_or_insert((time_us, now_us));
-        let due_us = at_us.saturating_add(time_us - from_us.min(time_us));
-        self.last = Some((time_us, due_us));
+        let due_us = match self.0 {
+            None => now_us,
+            Some((last_us, due_us)) if time_us > last_us => due_us.saturating_add(time_us - last_us),
+            Some((_, due_us)) => now_us.max(due_us.saturating_add(FrameRate::FPS_30.period_us())),
+        };
+        self.0 = Some((time_us, due_us));
         due_us
     }
 

@@ -47,8 +47,8 @@ impl Supervisor {
     ) -> Self {
         let watchdog = sd_notify::watchdog_enabled().map(|period| (period, Instant::now()));
         let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
-        let blind_because = "no camera has been opened yet".to_owned();
-        let log = Log { blind_because, last_status: Some((Instant::now(), 0)), ..Log::default() };
+        let camera = "blind, because no camera has been opened yet".to_owned();
+        let log = Log { camera, is_blind: true, last_status: Some((Instant::now(), 0)), ..Log::default() };
         let adaptation = Adaptation::default();
         Self { counters, events, load, refusal, reloader, watchdog, adaptation, log, hardware }
     }
@@ -81,10 +81,10 @@ impl Supervisor {
     /// Waits up to one [`TICK`] for an event.
     fn receive(&mut self) {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
-        let (has_grown, before) = (matches!(event, Event::Opened(_) | Event::EngineReloaded), self.log.camera_line());
+        let (has_grown, before) = (matches!(event, Event::Opened(_) | Event::EngineReloaded), self.log.camera.clone());
         self.log.event(event);
-        if self.log.camera_line() != before {
-            notify(NotifyState::Status(&self.log.camera_line()));
+        if self.log.camera != before {
+            notify(NotifyState::Status(&self.log.camera));
         }
         if has_grown {
             self.lock_memory();
@@ -166,9 +166,9 @@ impl Supervisor {
 
 #[derive(Default)]
 struct Log {
-    camera: Option<String>,
-    /// Why there are no pictures, and the reasons that were logged.
-    blind_because: String,
+    /// Which camera is open, or why there are no pictures.
+    camera: String,
+    is_blind: bool,
     blind_reasons: LoggedReasons,
     refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
@@ -185,24 +185,19 @@ impl Log {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
-                tracing::info!("camera opened: {camera}");
-                self.camera = Some(camera);
+                (self.camera, self.is_blind) = (format!("camera opened: {camera}"), false);
+                tracing::info!("{}", self.camera);
                 self.blind_reasons.clear();
             }
             Event::Blind(what, reason) => {
                 if self.blind_reasons.is_new(&reason) {
                     tracing::warn!("{what}: {reason}; trying again");
                 }
-                (self.camera, self.blind_because) = (None, reason);
+                (self.camera, self.is_blind) = (format!("blind, because {reason}"), true);
             }
             Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
             Event::EngineReloaded => tracing::info!("networks loaded again"),
         }
-    }
-
-    fn camera_line(&self) -> String {
-        let blind = || format!("blind, because {}", self.blind_because);
-        self.camera.as_ref().map_or_else(blind, |camera| format!("camera opened: {camera}"))
     }
 
     /// Logs the system's answer to a real-time request, unless the answer is the same as before.
@@ -266,15 +261,13 @@ impl Log {
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");
         let grants = if grants.is_empty() { grants } else { format!("; real time: {grants}") };
-        let line = match &self.camera {
-            Some(_) => format!("fps={fps:.1} {status}{grants}"),
-            None => format!("{}: {status}{grants}", self.camera_line()),
-        };
-        if self.camera.is_some() {
-            tracing::info!("{line}")
-        } else {
-            tracing::warn!("{line}")
+        if self.is_blind {
+            let line = format!("{}: {status}{grants}", self.camera);
+            tracing::warn!("{line}");
+            return line;
         }
+        let line = format!("fps={fps:.1} {status}{grants}");
+        tracing::info!("{line}");
         line
     }
 }

@@ -135,6 +135,8 @@ mod tests {
         thermal_zone2/trip_point_1_type=passive thermal_zone2/trip_point_1_temp=75000
         thermal_zone2/trip_point_2_type=passive thermal_zone2/trip_point_2_temp=85000
         thermal_zone2/trip_point_3_type=critical thermal_zone2/trip_point_3_temp=115000";
+    const PSTATE: &str = "policy0/scaling_driver=intel_pstate policy0/scaling_governor=powersave
+        policy0/scaling_cur_freq=700000 policy0/cpuinfo_max_freq=1800000";
     /// A PC whose firmware reports a constant temperature, and a trip point of 0, which means nothing.
     const PC: &str = "thermal_zone0/type=acpitz thermal_zone0/temp=27800 thermal_zone1/type=x86_pkg_temp
         thermal_zone1/temp=61000 thermal_zone1/trip_point_0_type=passive thermal_zone1/trip_point_0_temp=0";
@@ -159,6 +161,13 @@ mod tests {
             (PI4, "cooling_device1/type=pwm-fan cooling_device1/cur_state=3", "none", good),
             (PI4, "cooling_device1/type=thermal-cpufreq-0 cooling_device1/cur_state=1", "hot", ", slowed down"),
             (PI4, slow, "slow-governor", slow_shown),
+            // Governors that save power are slow, and those that follow the load are not.
+            (PI4, "policy0/scaling_cur_freq=600000", "none", "; ondemand at 600 of 1800 MHz"),
+            (PI4, "policy0/scaling_governor=powersave policy0/scaling_driver=intel_cpufreq", "slow-governor", ""),
+            (PI4, "policy0/scaling_governor=conservative", "none", "; conservative at 1500 of 1800 MHz"),
+            (PI4, "policy0/scaling_governor=userspace policy0/scaling_cur_freq=1000000", "slow-governor", ""),
+            (PSTATE, "policy0/energy_performance_preference=balance_performance", "none", "; powersave at 700"),
+            (PSTATE, "policy0/energy_performance_preference=power", "slow-governor", ""),
             (RK3588, "", "none", "processor 71.0 °C (bigcore0-thermal), limit 85 °C"),
             (PC, "", "none", "processor 61.0 °C (x86_pkg_temp), limit 85 °C"),
             (PC, coretemp, "none", "processor 62.0 °C (coretemp), limit 95 °C"),
@@ -176,22 +185,6 @@ mod tests {
         let settings = HardwareSettings { thermal_zone: "gpu-thermal".to_owned(), temperature_limit_c: 95 };
         let want = ("processor 99.0 °C (gpu-thermal), limit 95 °C".to_owned(), "hot".to_owned());
         assert_eq!(read([RK3588, ""], settings), want);
-        // Governors that save power are slow, and those that follow the load are not.
-        let cases = [
-            ("ondemand", "cpufreq-dt", "600000", "", "none"),
-            ("powersave", "intel_cpufreq", "600000", "", "slow-governor"),
-            ("powersave", "intel_pstate", "700000", "balance_performance", "none"),
-            ("powersave", "intel_pstate", "700000", "power", "slow-governor"),
-            ("conservative", "cpufreq-dt", "1500000", "", "none"),
-            ("userspace", "cpufreq-dt", "1000000", "", "slow-governor"),
-        ];
-        for (governor, driver, now_khz, preference, want) in cases {
-            let files = format!(
-                "policy0/scaling_governor={governor} policy0/scaling_driver={driver} policy0/scaling_cur_freq={now_khz} \
-                 policy0/energy_performance_preference={preference}"
-            );
-            assert_eq!(read([PI4, &files], HardwareSettings::default()).1, want, "{files}");
-        }
     }
 
     /// The hardware of a board as the service watches it, and the time.

@@ -381,7 +381,7 @@ mod tests {
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
         let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
-        let (observer, recorder) = (observer::channel(observer::OBSERVED).0, observer::channel(observer::RECORDED).0);
+        let (observer, recorder) = (observer::channel().0, observer::channel().0);
         let loads = triple_buffer::triple_buffer(&None).0;
         let outlets = Outlets { news, wake: thread::current(), loads, events, observer, recorder };
         let solver = load_solver(&settings).unwrap();

@@ -107,8 +107,7 @@ pub fn run(
     let run_sender = |changes| Sender { links, changes, news, refusals, counters: shared }.run();
     let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
-    let ((observer, observed), (recorder, recorded)) =
-        (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
+    let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder };
     let profile = profile_of(&settings, &counters);

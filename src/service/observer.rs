@@ -4,10 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Most values that wait in a ring, of some 6 kB each. The reader comes every 10 ms. A recording should lose no frame; a
-/// calibration can do without one.
-pub(super) const RECORDED: usize = 32;
-pub(super) const OBSERVED: usize = 8;
+/// Most values that wait in a ring, of some 6 kB each. The reader comes every 10 ms, and a recording should lose no frame.
+const WAITING: usize = 32;
 
 #[derive(Debug, Default)]
 struct Shared {
@@ -25,8 +23,8 @@ pub(super) struct Observed<T> {
     ring: Receiver<T>,
 }
 
-pub(super) fn channel<T>(ring: usize) -> (Observer<T>, Observed<T>) {
-    let ((sender, receiver), shared) = (sync_channel(ring), Arc::<Shared>::default());
+pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
+    let ((sender, receiver), shared) = (sync_channel(WAITING), Arc::<Shared>::default());
     (Observer { shared: Arc::clone(&shared), ring: sender }, Observed { shared, ring: receiver })
 }
 

@@ -69,7 +69,10 @@ impl Supervisor {
                 *pinged_at = Instant::now();
                 notify(NotifyState::Watchdog);
             }
-            self.sense(now_us);
+            // A rehearsal may set other impairments.
+            if let Some(found) = self.hardware.poll(&self.reloader.live.hardware, now_us) {
+                self.counters.impairments.set_all(Hardware::FINDS, found);
+            }
             self.adapt(now_us);
             self.log.impairments(self.counters.impairments.present());
             self.tell_status();
@@ -101,13 +104,6 @@ impl Supervisor {
         }
         if self.reloader.step() {
             self.lock_memory();
-        }
-    }
-
-    /// Looks for impairments that the hardware causes. A rehearsal may set others.
-    fn sense(&mut self, now_us: u64) {
-        if let Some(found) = self.hardware.poll(&self.reloader.live.hardware, now_us) {
-            self.counters.impairments.set_all(Hardware::FINDS, found);
         }
     }
 

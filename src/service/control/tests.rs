@@ -31,8 +31,7 @@ impl Rig {
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let mut settings = Settings::default();
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
-        let ((observer, observed), (recorder, recorded)) =
-            (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
+        let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
         let ((changes, told), (reload, reloads)) = (mpsc::channel(), mpsc::channel());
         let (hot, path) = (Arc::new(Mailbox { changes, thread: thread::current() }), folder.path().join("run/control"));
         let rings = (observed, recorded);
@@ -205,7 +204,7 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
 
 /// A recording, the ring of its frames, and the far end of its client.
 fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
-    let ((client, far), (observer, mut observed)) = (client(), observer::channel(observer::RECORDED));
+    let ((client, far), (observer, mut observed)) = (client(), observer::channel());
     observed.ask(true);
     (Recording::new(client, 0), observer, observed, Answers::of(far))
 }

@@ -12,7 +12,7 @@ use std::io::BufReader;
 use std::time::Instant;
 
 use facewire::config::Settings;
-use facewire::preflight::load_solver;
+use facewire::pipeline::load_solver;
 use facewire_face::Camera;
 use facewire_face::stages::{Block, Border, CropShape, crop};
 use facewire_face::{Appearance, Face, FaceBox};

@@ -10,7 +10,6 @@ pub mod link;
 mod listener;
 pub mod pipeline;
 pub mod playback;
-pub mod preflight;
 pub mod recording;
 mod retry;
 pub mod service;

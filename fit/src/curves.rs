@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use facewire::{config::Settings, preflight::shaping};
+use facewire::{config::Settings, pipeline::shaping};
 use facewire_face::stages::{FaceMean, Features, normalise};
 use facewire_face::{
     Appearance, BLENDSHAPES, COEFFS, Camera, Face, Landmarks, Model, Neutral, Profile, Solution, Solver,

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use facewire::config::Settings;
-use facewire::preflight::shaping;
+use facewire::pipeline::shaping;
 use facewire_face::stages::{Coefficients, FiltersState};
 use facewire_face::{BLENDSHAPES, COEFFS, Filter, FilterKind, Filters, Group, HeadPose};
 use maud::{Markup, html};

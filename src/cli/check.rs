@@ -12,7 +12,7 @@ use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::hardware::{self, Flags, Machine, Sensors};
 use crate::impairment::ImpairmentSet;
 use crate::link::{Link, notes};
-use crate::preflight::{load_solver, load_tracker, model_warning};
+use crate::pipeline::{load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::Watch;
 

@@ -11,8 +11,8 @@ use crate::calibration::StoreError;
 use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
 use crate::link::{LinkError, LinkErrorKind};
+use crate::pipeline::SetupError;
 use crate::playback::PlaybackError;
-use crate::preflight::SetupError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
 

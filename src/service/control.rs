@@ -34,7 +34,7 @@ use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_
 use crate::capture::monotonic_us;
 use crate::config::{Listen, Settings, WearerSettings};
 use crate::listener::Listener;
-use crate::preflight::{is_same_profile, load_model, load_profile};
+use crate::pipeline::{is_same_profile, load_model, load_profile};
 use crate::recording::Recorded;
 use facewire_face::Profile;
 

@@ -24,8 +24,7 @@ use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::impairment::ImpairmentSet;
-use crate::pipeline::{Pipeline, Rejected};
-use crate::preflight::{self, SetupError};
+use crate::pipeline::{self, Pipeline, Rejected, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
 use crate::watch::Watch;
@@ -113,7 +112,7 @@ impl HotLoop {
             settings,
             pipeline,
             profile,
-            load_tracker: preflight::load_tracker,
+            load_tracker: pipeline::load_tracker,
             loader,
             engine: EngineHealth::default(),
             outlets,
@@ -296,7 +295,7 @@ impl HotLoop {
             pipeline.tracker = tracker.or(pipeline.tracker.take());
             let solver = &mut pipeline.solver;
             solver.neutral_mode = self.settings.wearer.neutral;
-            let (shaping, model) = (preflight::shaping(&self.settings), model.filter(|model| *model != solver.model));
+            let (shaping, model) = (pipeline::shaping(&self.settings), model.filter(|model| *model != solver.model));
             if model.is_some() || shaping != solver.shaping {
                 model.into_iter().for_each(|model| solver.model = model);
                 solver.shaping = shaping;
@@ -374,7 +373,7 @@ mod tests {
 
     use super::*;
     use crate::capture::DEMO;
-    use crate::preflight::load_solver;
+    use crate::pipeline::load_solver;
     use crate::service::observer;
     use facewire_face::testing::Scripted;
 

@@ -50,8 +50,7 @@ use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
-use crate::pipeline::Pipeline;
-use crate::preflight::{SetupError, load_profile};
+use crate::pipeline::{Pipeline, SetupError, load_profile};
 use facewire_face::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
@@ -188,9 +187,9 @@ fn spawn<T: Send + 'static, Change: Send + 'static>(
     Ok((thread, mailbox))
 }
 
-/// The thread that loads networks, models and profiles, which may take seconds. It is one for all of them because the C library gives each thread
-/// a heap of its own, and keeps what was once in use there. It has neither the priority nor the CPU of the hot loop,
-/// which the helper threads of the networks would inherit.
+/// The thread that loads networks, models and profiles, which may take seconds. It is one for all of them because the C
+/// library gives each thread a heap of its own, and keeps what was once in use there. It has neither the priority nor the
+/// CPU of the hot loop, which the helper threads of the networks would inherit.
 #[derive(Debug, Clone)]
 pub(super) struct Loader(mpsc::Sender<Box<dyn FnOnce() + Send>>);
 

@@ -15,7 +15,7 @@ use super::counters::Counters;
 use super::hot::HotChange;
 use super::sender::Links;
 use crate::config::{Faults, Settings};
-use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker};
+use crate::pipeline::{is_same_profile, load_model, load_profile, load_tracker};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;

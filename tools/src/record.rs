@@ -18,8 +18,7 @@ use clap::Args;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use facewire::cli::{Connection, Failure, SettingsArgs, say};
-use facewire::pipeline::Pipeline;
-use facewire::preflight::load_profile;
+use facewire::pipeline::{Pipeline, load_profile};
 use facewire::recording::{Recorded, Writer};
 use facewire::service::{OpenCamera, Reply, Request};
 

@@ -14,9 +14,8 @@ use crate::input;
 use facewire::calibration::WearerName;
 use facewire::capture::{FrameRate, Source};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
-use facewire::pipeline::Pipeline;
+use facewire::pipeline::{Pipeline, load_profile};
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
-use facewire::preflight::load_profile;
 use facewire::service::Step;
 use facewire_face::{LANDMARKS, NeutralMode, Profile, yaw_pitch_roll_deg};
 

@@ -9,9 +9,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result, ensure};
 use facewire::capture::{AviSource, FrameRate};
 use facewire::config::Settings;
-use facewire::pipeline::Pipeline;
+use facewire::pipeline::{Pipeline, load_tracker, shaping};
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
-use facewire::preflight::{load_tracker, shaping};
 use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver, Tracker};
 use rayon::prelude::*;
 

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 
 pub use self::figures::cpu_time;
 use self::figures::{Samples, constant_work, interruptions, peak_memory_mb, quantile};
@@ -94,10 +94,8 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             report_text(&settings, bound, [before, sensors.read(0.0).0], &layers, (input, &samples))
         }
         (_, layers) if args.json => {
-            let mut figures = samples.json(input);
-            if let Some(layers) = layers {
-                figures["layers"] = json!(layers);
-            }
+            let layers = layers.map(|layers| ("layers".to_owned(), json!(layers)));
+            let figures: Value = samples.json(input).into_iter().chain(layers).collect();
             format!("{figures}\n")
         }
         (_, layers) => {

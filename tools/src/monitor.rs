@@ -69,7 +69,6 @@ pub struct MonitorArgs {
 }
 
 impl MonitorArgs {
-    /// The name of the port or the address that packets come to.
     fn input(&self) -> String {
         self.serial.as_ref().map_or_else(|| self.listen.to_string(), |device| device.display().to_string())
     }

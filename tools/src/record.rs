@@ -36,7 +36,6 @@ was recorded up to a crash or a power failure can be read, except for the last s
 service runs, it holds the camera: the command then records the frames of the service, with the settings of the \
 service, and the service goes on sending.";
 
-/// Time between two reports of the progress.
 const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 /// Time between two checks whether the recording is over.
 const CHECK_PERIOD: Duration = Duration::from_millis(100);

@@ -88,7 +88,6 @@ enum End {
 }
 
 impl ServoArgs {
-    /// The link to the board.
     fn kind(&self, settings: &Settings) -> LinkKind {
         if let Some(device) = &self.maestro {
             let device = if device == "auto" { SerialDevice::Auto } else { SerialDevice::Path(device.into()) };

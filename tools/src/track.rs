@@ -29,7 +29,6 @@ Examples:
   facewire track talk.npy --fps 30 --stage raw
   facewire track talk.avi --model formulas.toml --out talk.csv";
 
-/// Number of frames after which the progress is reported.
 const PROGRESS_FRAMES: u64 = 1000;
 const HEAD_COLUMNS: [&str; 6] =
     ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
@@ -144,7 +143,6 @@ struct Track<'a> {
     source: Box<dyn Source>,
     playback: Playback,
     args: &'a TrackArgs,
-    /// The CSV file, or standard output.
     out: BufWriter<Box<dyn Write>>,
     /// The landmarks of all frames. They are kept until the end, because the header of the file states their number.
     landmarks: Vec<f32>,

@@ -9,13 +9,12 @@ use std::time::{Duration, Instant};
 use plotters::prelude::*;
 use rustix::param::clock_ticks_per_second;
 use rustix::time::{ClockId, clock_gettime};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use facewire::cli::Failure;
 use facewire::hardware::{self, Machine};
 use facewire::pipeline::StageTimes;
 
-/// The usual rate of a camera, frames per second.
 const CAMERA_FPS: f64 = 30.0;
 const QUANTILES: [(&str, f64); 5] = [("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("p999", 0.999), ("max", 1.0)];
 /// The points of the distribution in JSON, in percent.
@@ -42,7 +41,6 @@ pub struct Samples {
     decode_and_whole: Vec<Duration>,
     /// A loop of constant work that takes as long as the median frame. Its spread shows what the machine itself adds.
     pub constant_work: Vec<Duration>,
-    /// Processor time.
     pub cpu: Duration,
     pub elapsed: Duration,
     pub interruptions: [u64; 3],
@@ -84,26 +82,27 @@ impl Samples {
         [cpu_s / self.elapsed.as_secs_f64().max(f64::MIN_POSITIVE), at_30_fps].map(|share| rounded(100.0 * share))
     }
 
-    pub fn json(&self, input: &str) -> Value {
+    pub fn json(&self, input: &str) -> Map<String, Value> {
         let latency = |samples| QUANTILES.map(|(name, part)| (format!("{name}_ms"), json!(ms(samples, part))));
+        let stages = self.stages().map(|(stage, samples)| (stage, latency(samples).into_iter().collect()));
         let [cpu_percent, cpu_percent_at_30_fps] = self.cpu_percent();
         let [switches, interrupts, stolen_ms] = self.interruptions;
-        let mut figures = json!({
-            "input": input,
-            "frames": self.frames,
-            "faces": self.whole.len(),
-            "whole_distribution_ms": DISTRIBUTION.map(|percent| [percent, ms(&self.whole, percent / 100.0)]),
-            "interruptions": { "involuntary_switches": switches, "interrupts": interrupts, "stolen_ms": stolen_ms },
-            "cpu_percent": cpu_percent,
-            "cpu_percent_at_30_fps": cpu_percent_at_30_fps,
-            "peak_memory_mb": self.peak_memory_mb,
-            "version": env!("CARGO_PKG_VERSION"),
-            "machine": machine(),
-        });
-        for (stage, samples) in self.stages() {
-            figures[stage] = latency(samples).into_iter().collect();
-        }
-        figures
+        let interruptions =
+            json!({ "involuntary_switches": switches, "interrupts": interrupts, "stolen_ms": stolen_ms });
+        let distribution_ms = DISTRIBUTION.map(|percent| [percent, ms(&self.whole, percent / 100.0)]);
+        let others = [
+            ("input", json!(input)),
+            ("frames", json!(self.frames)),
+            ("faces", json!(self.whole.len())),
+            ("whole_distribution_ms", json!(distribution_ms)),
+            ("interruptions", interruptions),
+            ("cpu_percent", json!(cpu_percent)),
+            ("cpu_percent_at_30_fps", json!(cpu_percent_at_30_fps)),
+            ("peak_memory_mb", json!(self.peak_memory_mb)),
+            ("version", json!(env!("CARGO_PKG_VERSION"))),
+            ("machine", json!(machine())),
+        ];
+        stages.into_iter().chain(others).map(|(name, value)| (name.to_owned(), value)).collect()
     }
 
     pub fn table(&self, input: &str) -> String {
@@ -134,7 +133,6 @@ fn machine() -> String {
     format!("{} ({})", Machine::detect(&hardware::root()).model, std::env::consts::ARCH)
 }
 
-/// Returns the largest resident memory of this process so far.
 pub fn peak_memory_mb() -> f64 {
     rounded(number("/proc/self/status", "VmHWM:", 0) as f64 / 1024.0)
 }
@@ -217,7 +215,6 @@ fn number(file: &str, key: &str, index: usize) -> u64 {
     line.and_then(|line| line.split_whitespace().nth(index)?.parse().ok()).unwrap_or(0)
 }
 
-/// Returns the processor time that this process has used.
 pub fn cpu_time() -> Duration {
     clock_gettime(ClockId::ProcessCPUTime).try_into().unwrap_or_default()
 }

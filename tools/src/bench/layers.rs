@@ -17,7 +17,6 @@ const RUNS: usize = 100;
 
 #[derive(Serialize)]
 pub struct Layers {
-    /// The instruction set that the kernels use.
     kernels: &'static str,
     /// The most multiply-adds per second that this core can compute, with operands in registers, in thousand millions.
     peak_g_per_s: f64,
@@ -43,7 +42,6 @@ struct LayerSpeed {
 
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Speed {
-    /// Median time.
     p50_us: f64,
     multiply_adds: usize,
     g_per_s: f64,

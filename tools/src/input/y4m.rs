@@ -16,11 +16,9 @@ const MAX_LINE_BYTES: u64 = 1024;
 #[derive(Debug)]
 pub struct Y4mSource<R> {
     input: R,
-    /// Number of bytes that were read.
     offset: u64,
     line: Vec<u8>,
     samples: Vec<u8>,
-    /// Number of frames that were read.
     read: u64,
     ended: bool,
     origin: String,

@@ -18,7 +18,6 @@ type Received = Option<Result<(Packet, String), DecodeError>>;
 /// Waits for the next packet for this time at most.
 pub type Receive = Box<dyn FnMut(Duration) -> Result<Received, Failure>>;
 
-/// Opens the socket or the serial port to listen on.
 pub fn open(args: &MonitorArgs) -> Result<Receive, Failure> {
     if let Some(device) = args.serial.clone() {
         return read_line(device, args.baud);
@@ -64,7 +63,6 @@ fn read_line(device: PathBuf, baud: u32) -> Result<Receive, Failure> {
     }))
 }
 
-/// Whether the error only means that nothing came in time.
 fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }

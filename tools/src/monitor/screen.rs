@@ -62,7 +62,6 @@ impl Screen {
         Ok(Self(out))
     }
 
-    /// Draws the current state.
     pub fn draw(&mut self, listen: &str, tally: &Tally, now: Instant) -> io::Result<()> {
         let (width, height) = crossterm::terminal::size()?;
         queue!(self.0, BeginSynchronizedUpdate)?;
@@ -160,7 +159,6 @@ fn angle(degrees: f32) -> [Option<Cell>; 2] {
     })
 }
 
-/// Returns the coefficient of this name and side.
 fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
     let index = BLENDSHAPES.iter().position(|known| known.strip_prefix(name) == Some(side))?;
     let fill = *packet.coefficients.get(index)?;

@@ -23,7 +23,6 @@ impl Finder {
         Self { pulse_us, step_us, is_driven: false, taken_us: [None; 3] }
     }
 
-    /// Does what the key says.
     pub fn press(&mut self, key: KeyCode) {
         let [at_0, at_1, neutral] = &mut self.taken_us;
         match key {
@@ -53,12 +52,10 @@ impl Finder {
         self.is_driven.then(|| self.pulse_us.into())
     }
 
-    /// The pulse that was taken as the neutral one.
     pub fn neutral_us(&self) -> Option<f32> {
         self.taken_us[2].map(f32::from)
     }
 
-    /// One line about the state.
     pub fn status(&self) -> String {
         let taken = ["0", "1", "neutral"].iter().zip(self.taken_us).map(|(name, taken)| {
             format!("   {name}: {}", taken.map_or_else(|| "-".to_owned(), |pulse_us| pulse_us.to_string()))
@@ -67,7 +64,6 @@ impl Finder {
         format!("{:4} us{pulses}{}", self.pulse_us, taken.collect::<String>())
     }
 
-    /// The lines for the settings.
     pub fn lines(&self, channel: u8) -> String {
         let mut lines = format!("[[link.channel]]\nchannel = {channel}\n{SOURCES}\n");
         for (name, taken) in ["pulse_at_0_us", "pulse_at_1_us"].iter().zip(self.taken_us) {

@@ -17,7 +17,7 @@ use common::board::{Board, StablePath};
 use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, Receiver, Service, counted};
 use common::{eventually, skip};
-use facewire::config::{AutoDevice, LinkKind, LinkSettings, SerialDevice, SerialSettings};
+use facewire::config::{LinkKind, LinkSettings, SerialDevice, SerialSettings};
 use facewire::link::{Background, Link, Traffic, serial_carrier};
 use facewire_packet::{Packet, Reason, State};
 use rustix::fs::{FlockOperation, flock};
@@ -39,9 +39,9 @@ struct Serial {
 
 impl Serial {
     fn open(board: &Board, baud: u32) -> Self {
-        let (device, traffic) = (SerialDevice::Path(board.device.clone()), Arc::<Traffic>::default());
-        let auto = AutoDevice::Microcontroller;
-        let carrier = serial_carrier(&device, baud, auto, (vec![0], None), Arc::clone(&traffic)).unwrap();
+        let device = SerialDevice::Path(board.device.clone());
+        let (kind, traffic) = (LinkKind::Serial(SerialSettings { device, baud }), Arc::<Traffic>::default());
+        let carrier = serial_carrier(&kind, Arc::clone(&traffic)).unwrap().unwrap();
         eventually("the port", || carrier.is_open());
         Self { carrier, traffic }
     }

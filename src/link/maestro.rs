@@ -8,7 +8,7 @@
 
 use std::time::Instant;
 
-use super::{Encoder, Inquiry, packet};
+use super::{Encoder, packet};
 use crate::config::{MaestroProtocol, MaestroSettings};
 use crate::servo::{Board, Channel};
 
@@ -118,11 +118,6 @@ fn units(limit: f32, most: f32) -> u16 {
     if limit.is_infinite() { 0 } else { limit.floor().clamp(1.0, most) as u16 }
 }
 
-fn errors(answer: &[u8]) -> Vec<&'static str> {
-    let register = answer.iter().rev().fold(0_u16, |register, byte| register << 8 | u16::from(*byte));
-    ERRORS.into_iter().enumerate().filter(|(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error).collect()
-}
-
 fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
     for channel in Board::new(&settings.channels).channels {
         let (span_us, limits) = (channel.span_us(), channel.limits);
@@ -135,21 +130,30 @@ fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
     }
 }
 
-/// Returns the preamble of the line, and what to ask again and again.
-///
-/// The preamble begins with the question for errors in the Pololu protocol, whatever the protocol of the link is. The
-/// question clears old errors, and from its first byte a Maestro detects the baud rate if it is set to do so. The answer
-/// is discarded.
-pub fn dialogue(settings: &MaestroSettings) -> (Vec<u8>, Option<Inquiry>) {
-    let (mut preamble, mut question) = (Vec::new(), Vec::new());
-    Protocol::pololu(settings).write(&mut preamble, Code::GetErrors, []);
-    write_limits(settings, &mut preamble);
-    write_limits(settings, &mut question);
+/// Returns what to write to a port that has just been opened: the question for errors in the Pololu protocol, whatever the
+/// protocol of the link is, and the limits. The question clears old errors, and from its first byte a Maestro detects the
+/// baud rate if it is set to do so. The answer is discarded.
+pub fn preamble(settings: &MaestroSettings) -> Vec<u8> {
+    let mut out = Vec::new();
+    Protocol::pololu(settings).write(&mut out, Code::GetErrors, []);
+    write_limits(settings, &mut out);
+    out
+}
+
+/// Returns what to ask again and again. A Maestro whose errors are not read does not answer.
+pub fn question(settings: &MaestroSettings) -> Vec<u8> {
+    let mut out = Vec::new();
+    write_limits(settings, &mut out);
     if settings.read_errors {
-        Protocol::new(settings).write(&mut question, Code::GetErrors, []);
+        Protocol::new(settings).write(&mut out, Code::GetErrors, []);
     }
-    let answer_bytes = if settings.read_errors { ANSWER_BYTES } else { 0 };
-    (preamble, Some(Inquiry { question, answer_bytes, troubles: errors, silence: SILENCE }))
+    out
+}
+
+/// Returns a sentence for each error in an answer.
+pub fn errors(answer: [u8; ANSWER_BYTES]) -> impl Iterator<Item = &'static str> {
+    let register = u16::from_le_bytes(answer);
+    ERRORS.into_iter().enumerate().filter(move |(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error)
 }
 
 pub fn encoder(settings: &MaestroSettings) -> Encoder {

@@ -40,24 +40,12 @@ pub use self::output::{Output, Pace, Pose};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{AutoDevice, JsonSettings, JsonTarget, LinkKind, LinkSettings};
+use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 
 /// Encodes an output as the link's packet of this number, in memory that was taken when the link was opened, and calls the
 /// last argument once for each message. The output is as the settings of the link want it: adjusted, and held or neutral
 /// while no face is followed.
 type Encoder = Box<dyn FnMut(&Output, Gaze, u32, &mut dyn FnMut(&[u8])) + Send>;
-
-/// A question to a receiver on a serial port, and what its answer means.
-#[derive(Debug, Clone)]
-pub struct Inquiry {
-    pub question: Vec<u8>,
-    /// Length of the answer; 0 if there is none.
-    pub answer_bytes: usize,
-    /// Returns a sentence for each trouble in an answer. The log gets each once until the port is opened again.
-    pub troubles: fn(&[u8]) -> Vec<&'static str>,
-    /// The sentence for the log if no answer comes.
-    pub silence: &'static str,
-}
 
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]
@@ -129,14 +117,7 @@ impl Link {
         let counters = || Arc::clone(traffic);
         let mut udp = settings.kind.address().map(|address| UdpCarrier::open(address, counters())).transpose()?;
         let device = match &settings.kind {
-            // The end of a frame separates the first frame from leftovers on the line.
-            LinkKind::Serial(it) => {
-                Some(serial_carrier(&it.device, it.baud, AutoDevice::Microcontroller, (vec![0], None), counters())?)
-            }
-            LinkKind::Maestro(it) => {
-                let dialogue = maestro::dialogue(it);
-                Some(serial_carrier(&it.device, it.baud, AutoDevice::Maestro, dialogue, counters())?)
-            }
+            LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, counters())?,
             LinkKind::Pca9685(it) => Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?),
             LinkKind::IFacialMocap(it) => {
                 udp = it.address.as_ref().map(|address| UdpCarrier::open(address, counters())).transpose()?;
@@ -153,17 +134,8 @@ impl Link {
             }
             _ => None,
         };
-        let (gaze, shown, pace) = (Gaze::default(), Shown::default(), Pace::default());
-        Ok(Self {
-            encoder: encoder_of(&settings.kind),
-            udp,
-            device,
-            traffic: counters(),
-            sequence: 0,
-            gaze,
-            shown,
-            pace,
-        })
+        let (encoder, traffic, sequence, gaze) = (encoder_of(&settings.kind), counters(), 0, Gaze::default());
+        Ok(Self { encoder, udp, device, traffic, sequence, gaze, shown: Shown::default(), pace: Pace::default() })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.

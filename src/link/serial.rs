@@ -34,8 +34,9 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use self::board::restarts_board;
 pub use self::board::{PortSearch, is_maestro};
 use super::background::{Background, Device};
-use super::{Inquiry, LinkError, LinkErrorKind, Traffic};
-use crate::config::{AutoDevice, SerialDevice};
+use super::maestro::{self, ANSWER_BYTES};
+use super::{LinkError, LinkErrorKind, Traffic};
+use crate::config::{LinkKind, MaestroSettings, SerialDevice};
 use crate::retry::LoggedReasons;
 
 /// A port that takes no bytes for this long has lost the message: the next one is newer.
@@ -156,20 +157,16 @@ fn keep_dtr(port: &OwnedFd) -> rustix::io::Result<()> {
     tcsetattr(port, OptionalActions::Now, &modes)
 }
 
-/// Starts the thread of a serial line. The port may appear later. Each time that the port opens, the thread writes the
-/// preamble, as soon as the board has restarted if it restarts; later it asks the inquiry again and again.
-pub fn serial_carrier(
-    device: &SerialDevice,
-    baud: u32,
-    auto: AutoDevice,
-    (preamble, inquiry): (Vec<u8>, Option<Inquiry>),
-    traffic: Arc<Traffic>,
-) -> Result<Background, LinkError> {
+/// Starts the thread of a serial line, if the link has one. The port may appear later. Each time that the port opens, the
+/// thread writes the preamble, as soon as the board has restarted if it restarts; later it asks a Maestro again and again.
+pub fn serial_carrier(kind: &LinkKind, traffic: Arc<Traffic>) -> Result<Option<Background>, LinkError> {
+    let Some((device, baud, auto)) = kind.line() else { return Ok(None) };
+    let maestro = if let LinkKind::Maestro(settings) = kind { Some(settings.clone()) } else { None };
     // Claimed here, so that the first of two links to one device gets it.
     let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
     let (first_claim, is_found) = (path.and_then(|path| PortClaim::acquire(path).ok()), path.is_some());
-    let line = Line { search: PortSearch::new(device, auto), is_found, baud, preamble, inquiry, first_claim };
-    Background::start(device, "fw-serial", line, traffic)
+    let line = Line { search: PortSearch::new(device, auto), is_found, baud, maestro, first_claim };
+    Background::start(device, "fw-serial", line, traffic).map(Some)
 }
 
 struct Line {
@@ -177,8 +174,7 @@ struct Line {
     /// Whether a port was found before, even if it is away now.
     is_found: bool,
     baud: u32,
-    preamble: Vec<u8>,
-    inquiry: Option<Inquiry>,
+    maestro: Option<MaestroSettings>,
     first_claim: Option<PortClaim>,
 }
 
@@ -238,7 +234,9 @@ impl Line {
             // If this fails, the board restarts once more at the next opening.
             let _ = keep_dtr(&port);
         }
-        let _ = port.tty.write(&self.preamble);
+        // The end of a frame separates the first frame from leftovers on the line.
+        let preamble = self.maestro.as_ref().map_or(vec![0], maestro::preamble);
+        let _ = port.tty.write(&preamble);
         (port.since, port.took_at) = (Instant::now(), Instant::now());
     }
 
@@ -251,20 +249,20 @@ impl Line {
             }
             return Ok(());
         }
-        let Some(inquiry) = &self.inquiry else { return Ok(()) };
-        if port.is_asked && available >= inquiry.answer_bytes {
+        let Some(settings) = &self.maestro else { return Ok(()) };
+        if port.is_asked && available >= ANSWER_BYTES {
             port.is_asked = false;
-            let mut answer = vec![0; inquiry.answer_bytes];
+            let mut answer = [0; ANSWER_BYTES];
             port.tty.read_exact(&mut answer)?;
-            (inquiry.troubles)(&answer).into_iter().for_each(|trouble| port.warn(trouble));
+            maestro::errors(answer).for_each(|error| port.warn(error));
         } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
             port.is_asked = false;
-            port.warn(inquiry.silence);
+            port.warn(maestro::SILENCE);
         } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
-            (port.is_asked, port.since) = (inquiry.answer_bytes > 0, Instant::now());
+            (port.is_asked, port.since) = (settings.read_errors, Instant::now());
             let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
-            in_time(port.tty.write(&inquiry.question))?;
+            in_time(port.tty.write(&maestro::question(settings)))?;
         }
         Ok(())
     }
@@ -338,6 +336,7 @@ mod tests {
     use facewire_packet::FRAME_BYTES;
 
     use super::*;
+    use crate::config::AutoDevice;
     use crate::link::testing::eventually;
 
     #[test]
@@ -372,8 +371,8 @@ mod tests {
         tcsetattr(&other, OptionalActions::Now, &modes).unwrap();
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
-        let inquiry = Some(Inquiry { question: b"?".to_vec(), answer_bytes: 2, troubles: |_| Vec::new(), silence: "" });
-        let mut line = Line { search, is_found: true, baud: 115_200, preamble: vec![0], inquiry, first_claim: None };
+        let maestro = Some(MaestroSettings::default());
+        let mut line = Line { search, is_found: true, baud: 115_200, maestro, first_claim: None };
         let mut port = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
             assert!(!port.write(b"dropped").unwrap());
@@ -395,9 +394,9 @@ mod tests {
             board.write_all(byte).unwrap();
             eventually("the answer", || after(&mut port, Duration::ZERO) == is_asked);
         }
-        let mut bytes = [0; 14];
+        let mut bytes = [0; 16];
         board.read_exact(&mut bytes).unwrap();
-        assert_eq!((&bytes, board.bytes_to_read().unwrap()), (b"\0firstsecond??", 0));
+        assert_eq!((&bytes, board.bytes_to_read().unwrap()), (b"\xAA\x0C\x21firstsecond\xA1\xA1", 0));
     }
 
     #[test]

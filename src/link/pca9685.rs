@@ -442,14 +442,6 @@ mod tests {
     }
 
     #[test]
-    fn each_error_of_a_bus_is_told_with_what_to_do() {
-        let told =
-            ["switch I2C on", "group i2c", "i2c.conf", "a driver of the", "no chip", "the bus hangs", "the wires"];
-        let errors = [2, 13, 1, 16, 6, 110, 22].map(|errno| refused("it", io::Error::from_raw_os_error(errno)).message);
-        assert!(errors.iter().zip(told).all(|(error, told)| error.contains(told)), "{errors:#?}");
-    }
-
-    #[test]
     fn a_chip_belongs_to_one_open_file_at_a_time_and_other_chips_on_the_bus_are_free() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let [first, second] = [(); 2].map(|()| File::options().read(true).write(true).open(file.path()).unwrap());

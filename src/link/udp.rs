@@ -256,16 +256,11 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_cannot_be_reached_is_reported_with_what_to_check() {
+    fn an_address_that_cannot_be_reached_is_reported() {
         // A link-local address leads nowhere without the name of an interface. Without IPv6 there is no socket.
-        for (address, causes, advice) in [
-            ("[fe80::1]:5252", ["no network leads there (", "no socket ("], "check th"),
-            ("nowhere.invalid:5252", ["the host does not resolve ("; 2], "check the spelling"),
-        ] {
-            let error = check(&Address::new(address).unwrap()).unwrap_err().to_string();
-            let is_named = causes.iter().any(|cause| error.starts_with(&format!("link {address}: {cause}")));
-            assert!(is_named && error.contains(advice), "{error}");
-        }
+        let error = check(&Address::new("[fe80::1]:5252").unwrap()).unwrap_err().to_string();
+        let causes = ["no network leads there (", "no socket ("].map(|cause| format!("link [fe80::1]:5252: {cause}"));
+        assert!(causes.iter().any(|cause| error.starts_with(cause)), "{error}");
     }
 
     #[test]

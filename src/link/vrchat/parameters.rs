@@ -112,38 +112,36 @@ impl Parameter {
 
 pub static PARAMETERS: LazyLock<Vec<Parameter>> = LazyLock::new(|| {
     let mut parameters = Vec::new();
-    for (names, endings, formula) in ROWS {
-        for (ending, of, group) in *endings {
-            let named = |name| Parameter { name: format!("{name}{ending}"), group: *group, of: *of, formula: *formula };
-            parameters.extend(names.iter().map(named));
+    for (names, (sides, whole), formula) in ROWS {
+        for (side, of, group) in [("Left", Of::Left, sides), ("Right", Of::Right, sides), ("", Of::Both, whole)] {
+            let named = |name: &&str| {
+                let (begin, end) = name.split_once('*').unwrap_or((name, ""));
+                Some(Parameter { name: format!("{begin}{side}{end}"), group: (*group)?, of, formula: *formula })
+            };
+            parameters.extend(names.iter().filter_map(named));
         }
     }
     parameters
 });
 
-/// What follows a name, for which part of the face, and the group of this parameter.
-type Endings = &'static [(&'static str, Of, Group)];
-type Row = (&'static [&'static str], Endings, fn(&Face, &Side) -> f32);
+/// The group of the parameters of both sides, and that of the parameter of the whole face.
+type Groups = (Option<Group>, Option<Group>);
+/// Names, in which `*` stands for the side if it is not at the end.
+type Row = (&'static [&'static str], Groups, fn(&Face, &Side) -> f32);
 
 /// One movement of the whole face, of each side, or of each side with the mean of both as a compound.
-const WHOLE: Endings = &[("", Of::Both, Group::Shape)];
-const SIDES: Endings = &[("Left", Of::Left, Group::Shape), ("Right", Of::Right, Group::Shape)];
-const EACH: Endings =
-    &[("Left", Of::Left, Group::Shape), ("Right", Of::Right, Group::Shape), ("", Of::Both, Group::Compound)];
-const LOOK_X: Endings =
-    &[("LeftX", Of::Left, Group::Shape), ("RightX", Of::Right, Group::Shape), ("X", Of::Both, Group::Compound)];
-const LOOK_Y: Endings =
-    &[("LeftY", Of::Left, Group::Shape), ("RightY", Of::Right, Group::Shape), ("Y", Of::Both, Group::Compound)];
+const WHOLE: Groups = (None, Some(Group::Shape));
+const SIDES: Groups = (Some(Group::Shape), None);
+const EACH: Groups = (Some(Group::Shape), Some(Group::Compound));
 /// Several movements in one number: for both sides, for each side, or all three.
-const BOTH: Endings = &[("", Of::Both, Group::Compound)];
-const BOTH_SIDES: Endings = &[("Left", Of::Left, Group::Compound), ("Right", Of::Right, Group::Compound)];
-const ALL: Endings =
-    &[("Left", Of::Left, Group::Compound), ("Right", Of::Right, Group::Compound), ("", Of::Both, Group::Compound)];
-const HEAD: Endings = &[("", Of::Both, Group::Head)];
+const BOTH: Groups = (None, Some(Group::Compound));
+const BOTH_SIDES: Groups = (Some(Group::Compound), None);
+const ALL: Groups = (Some(Group::Compound), Some(Group::Compound));
+const HEAD: Groups = (None, Some(Group::Head));
 
 const ROWS: &[Row] = &[
-    (&["Eye"], LOOK_X, |_, s| s.look[0]),
-    (&["Eye"], LOOK_Y, |_, s| s.look[1]),
+    (&["Eye*X"], EACH, |_, s| s.look[0]),
+    (&["Eye*Y"], EACH, |_, s| s.look[1]),
     (&["EyeOpen"], EACH, |_, s| 1.0 - s.blink),
     (&["EyeClosed"], EACH, |_, s| s.blink),
     (&["EyeWide"], SIDES, |_, s| s.wide),

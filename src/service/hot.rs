@@ -189,6 +189,7 @@ impl HotLoop {
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
+        self.outlets.loads.write(None);
         self.pipeline.iter_mut().for_each(Pipeline::forget_face);
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));

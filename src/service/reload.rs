@@ -105,14 +105,16 @@ impl Reloader {
             Some(prepared) => prepared,
         };
         self.preparing = None;
-        match prepared {
+        let refusal = match prepared {
             Ok(Ok(change)) => {
                 self.hand_out(change);
                 return true;
             }
-            Ok(Err(refusal)) => refuse(&refusal.to_string()),
-            Err(_) => refuse("the thread that read them panicked; please report it"),
-        }
+            Ok(Err(refusal)) => refusal.to_string(),
+            Err(_) => "the thread that read them panicked; please report it".to_owned(),
+        };
+        refusal.lines().for_each(|fault| tracing::error!("{fault}"));
+        tracing::error!("settings refused: the current ones stay");
         false
     }
 
@@ -135,11 +137,6 @@ impl Reloader {
         // Without a control socket nobody reads it.
         let _ = self.control.send(self.live.clone());
     }
-}
-
-fn refuse(faults: &str) {
-    faults.lines().for_each(|fault| tracing::error!("{fault}"));
-    tracing::error!("settings refused: the current ones stay");
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use super::failsafe::News;
 use super::observer::Observer;
 use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
-use super::watchdog::Phase;
+use super::watchdog::{OPEN_US, WORK_US, wait_us};
 use super::{Loader, ServiceError};
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
@@ -128,7 +128,7 @@ impl HotLoop {
     pub(super) fn run(mut self) -> Result<(), ServiceError> {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
-            self.enter(Phase::Open);
+            self.enter(OPEN_US);
             self.adopt();
             let outcome = self.attempt();
             let lasted = self.opened_us.take().map(|opened_us| between(opened_us, monotonic_us()));
@@ -141,7 +141,7 @@ impl HotLoop {
                 Err(error) if lasted.is_none() => self.tell(Event::Blind("no camera", error.to_string())),
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
             }
-            self.enter(Phase::Open);
+            self.enter(OPEN_US);
             let wait = camera::wait_after(lasted.unwrap_or_default(), &mut back_off);
             if !self.counters.stopping() {
                 thread::park_timeout(wait);
@@ -154,25 +154,21 @@ impl HotLoop {
     fn attempt(&mut self) -> Result<(), ServiceError> {
         if self.pipeline.is_none() {
             let settings = self.settings.clone();
-            let loaded = self.load(move || Pipeline::load(&settings, true))?;
+            let loaded = self.loader.load(move || Pipeline::load(&settings, true))?;
             self.pipeline.insert(loaded?).solver.profile = self.profile.clone();
         }
-        self.enter(Phase::Open);
+        self.enter(OPEN_US);
         let is_small = self.counters.small_picture.load(Relaxed);
         let mut camera = OpenCamera::begin(&self.settings.camera, is_small)?;
         let outcome = self.show(&mut camera, is_small);
         // Closing the camera may block in the kernel, too.
-        self.enter(Phase::Open);
+        self.enter(OPEN_US);
         self.counters.camera_open.store(false, Relaxed);
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
         camera.close()?;
         outcome
-    }
-
-    fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
-        self.loader.begin(job).recv().map_err(|_| ServiceError::Panicked("loader"))
     }
 
     fn show(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), ServiceError> {
@@ -232,7 +228,7 @@ impl HotLoop {
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), ServiceError> {
-        let begun_us = self.enter(Phase::Work);
+        let begun_us = self.enter(WORK_US);
         let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, .. } = self else { return Ok(()) };
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
@@ -266,12 +262,12 @@ impl HotLoop {
     }
 
     fn reload_engine(&mut self, error: InferError) -> Result<(), ServiceError> {
-        self.enter(Phase::Open);
+        self.enter(OPEN_US);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
         self.pipeline.iter_mut().for_each(|pipeline| pipeline.tracker = None);
         let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
-        let loaded = self.load(move || load_tracker(&settings))?;
+        let loaded = self.loader.load(move || load_tracker(&settings))?;
         let tracker = loaded.map_err(SetupError::from)?;
         self.pipeline.as_mut().map(|pipeline| pipeline.tracker.insert(tracker));
         self.tell(Event::EngineReloaded);
@@ -306,14 +302,14 @@ impl HotLoop {
         is_new_camera
     }
 
-    fn enter(&self, phase: Phase) -> u64 {
+    fn enter(&self, patience_us: u64) -> u64 {
         let now_us = monotonic_us();
-        self.counters.heartbeats.hot(phase, now_us);
+        self.counters.heartbeats.hot(patience_us, now_us);
         now_us
     }
 
     fn enter_wait(&self) {
-        self.enter(Phase::Wait { stall_timeout_ms: self.settings.camera.stall_timeout_ms });
+        self.enter(wait_us(self.settings.camera.stall_timeout_ms));
     }
 
     /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.

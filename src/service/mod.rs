@@ -45,7 +45,6 @@ use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender};
 use self::supervisor::Supervisor;
-use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
@@ -89,17 +88,16 @@ pub fn run(
     counters.catch_signals()?;
     let links = Links::change(&settings, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
-    let pipeline = match loader.begin(move || Pipeline::load(&wanted, true)).recv() {
-        Ok(Ok(pipeline)) => Some(pipeline),
+    let pipeline = match loader.load(move || Pipeline::load(&wanted, true))? {
+        Ok(pipeline) => Some(pipeline),
         // The hot loop tries again.
-        Ok(Err(error)) if error.is_temporary() => None,
-        Ok(Err(error)) => return Err(error.into()),
-        Err(_) => return Err(ServiceError::Panicked("loader")),
+        Err(error) if error.is_temporary() => None,
+        Err(error) => return Err(error.into()),
     };
     let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
     let ((loads, load), (refusals, refusal)) = (triple_buffer(&None), triple_buffer(&None));
     let (events, heard) = mpsc::channel();
-    counters.heartbeats.hot(Phase::Open, monotonic_us());
+    counters.heartbeats.hot(watchdog::OPEN_US, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
     let shared = Arc::clone(&counters);
@@ -199,6 +197,10 @@ impl Loader {
         let run = || to_do.into_iter().for_each(|job| drop(catch_unwind(AssertUnwindSafe(job))));
         Builder::new().name("fw-load".to_owned()).stack_size(STACK_BYTES).spawn(run)?;
         Ok(Self(jobs))
+    }
+
+    pub(super) fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
+        self.begin(job).recv().map_err(|_| ServiceError::Panicked("loader"))
     }
 
     /// Begins a job. Its result never comes if it panics.

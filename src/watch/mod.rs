@@ -47,31 +47,28 @@ const LOOK_US: u64 = 250_000;
 /// at what it delivers every 1.5 s.
 const MAX_STEP_US: u64 = 2_000_000;
 
-/// What one look says about an impairment. Of two verdicts on the same impairment the greater one holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Verdict {
-    Fine,
-    /// There is nothing to judge, for example no face.
-    Unknown,
-    /// The value lies between the thresholds.
-    Between,
-    Poor,
+/// What one look says about an impairment: how much the time since the last look counts for it, in quarters. Of two
+/// verdicts on the same impairment the greater one holds.
+type Verdict = i64;
+const POOR: Verdict = 4;
+/// The value lies between the thresholds.
+const BETWEEN: Verdict = 0;
+/// There is nothing to judge, for example no face.
+const UNKNOWN: Verdict = -1;
+const FINE: Verdict = -4;
+
+/// Judges a value that is poor below the first threshold, and fine from the second on.
+fn of_great(value: f32, [poor, fine]: Thresholds) -> Verdict {
+    match value {
+        _ if value < poor => POOR,
+        _ if value < fine => BETWEEN,
+        _ => FINE,
+    }
 }
 
-impl Verdict {
-    /// Judges a value that is poor below the first threshold, and fine from the second on.
-    fn of_great(value: f32, [poor, fine]: Thresholds) -> Self {
-        match value {
-            _ if value < poor => Self::Poor,
-            _ if value < fine => Self::Between,
-            _ => Self::Fine,
-        }
-    }
-
-    /// Judges a value that is poor above the first threshold, and fine up to the second.
-    fn of_small(value: f32, thresholds: Thresholds) -> Self {
-        Self::of_great(-value, thresholds.map(|threshold| -threshold))
-    }
+/// Judges a value that is poor above the first threshold, and fine up to the second.
+fn of_small(value: f32, thresholds: Thresholds) -> Verdict {
+    of_great(-value, thresholds.map(|threshold| -threshold))
 }
 
 /// An impairment over time. It begins when looks have said so for the time `hold_us` more than they have denied it, and
@@ -86,12 +83,7 @@ struct Steady {
 impl Steady {
     fn update(&mut self, verdict: Verdict, now_us: u64, hold_us: u64) -> bool {
         let since_us = now_us.saturating_sub(self.last_us.replace(now_us).unwrap_or(now_us)).min(MAX_STEP_US);
-        self.evidence_us = match verdict {
-            Verdict::Poor => (self.evidence_us + since_us).min(hold_us),
-            Verdict::Between => self.evidence_us,
-            Verdict::Fine => self.evidence_us.saturating_sub(since_us),
-            Verdict::Unknown => self.evidence_us.saturating_sub(since_us / 4),
-        };
+        self.evidence_us = self.evidence_us.saturating_add_signed(verdict * since_us as i64 / 4).min(hold_us);
         self.is_present = self.evidence_us == hold_us || (self.is_present && self.evidence_us > 0);
         self.is_present
     }
@@ -147,22 +139,22 @@ impl Watch {
 
     /// Judges a look at the picture at the time `now_us`.
     pub fn look(&mut self, look: &Look, now_us: u64) {
-        let of_face = |judge: fn(FaceLook) -> Verdict| look.face.map_or(Verdict::Unknown, judge);
+        let of_face = |judge: fn(FaceLook) -> Verdict| look.face.map_or(UNKNOWN, judge);
         let is_black =
             look.face.is_none() && look.picture.brightness < BLACK && look.picture.contrast < look.picture.noise;
         let dark = match look.face {
-            Some(face) if is_backlit(face) => Verdict::Fine,
+            Some(face) if is_backlit(face) => FINE,
             Some(face) => unclear(face),
-            None if is_black => Verdict::Fine,
-            None => Verdict::of_great(look.picture.brightness, BRIGHTNESS)
-                .max(Verdict::of_great(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
+            None if is_black => FINE,
+            None => of_great(look.picture.brightness, BRIGHTNESS)
+                .max(of_great(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
         };
         let verdicts = [
-            if is_black { Verdict::Poor } else { Verdict::Fine },
+            if is_black { POOR } else { FINE },
             dark,
-            of_face(|face| if is_backlit(face) { unclear(face) } else { Verdict::Fine }),
-            of_face(|face| Verdict::of_great(face.size_px, SIZE_PX).max(Verdict::of_great(face.size, SIZE))),
-            of_face(|face| Verdict::of_small(face.cut_off, CUT_OFF)),
+            of_face(|face| if is_backlit(face) { unclear(face) } else { FINE }),
+            of_face(|face| of_great(face.size_px, SIZE_PX).max(of_great(face.size, SIZE))),
+            of_face(|face| of_small(face.cut_off, CUT_OFF)),
         ];
         self.judge(0, verdicts, now_us);
     }
@@ -170,8 +162,8 @@ impl Watch {
     /// Judges what the camera has delivered up to `now_us`. The camera states a frame period of `stated_us` microseconds.
     fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
         let rate = stated_us.map(|stated_us| delivery.fps() * stated_us as f32 / 1e6);
-        let rate = rate.map_or(Verdict::Unknown, |rate| Verdict::of_great(rate, RATE));
-        self.judge(OF_PICTURE, [rate, Verdict::of_small(delivery.lost_share(), LOST)], now_us);
+        let rate = rate.map_or(UNKNOWN, |rate| of_great(rate, RATE));
+        self.judge(OF_PICTURE, [rate, of_small(delivery.lost_share(), LOST)], now_us);
     }
 
     fn judge<const COUNT: usize>(&mut self, first: usize, verdicts: [Verdict; COUNT], now_us: u64) {
@@ -188,7 +180,7 @@ fn is_backlit(face: FaceLook) -> bool {
 
 fn unclear(face: FaceLook) -> Verdict {
     let Light { contrast, noise, .. } = face.light;
-    Verdict::of_great(contrast / noise, CLARITY).max(Verdict::of_great(contrast, CONTRAST))
+    of_great(contrast / noise, CLARITY).max(of_great(contrast, CONTRAST))
 }
 
 #[cfg(test)]
@@ -213,14 +205,14 @@ mod tests {
 
     #[test]
     fn an_impairment_comes_after_three_seconds_goes_after_three_and_stays_as_it_is_while_looks_alternate() {
-        let flicker = [(Verdict::Poor, 1), (Verdict::Fine, 1)].repeat(100);
+        let flicker = [(POOR, 1), (FINE, 1)].repeat(100);
         assert!(changes(&flicker).is_empty());
-        assert_eq!(changes(&[(Verdict::Poor, 20), (Verdict::Fine, 20)]), [12, 31]);
-        assert_eq!(changes(&[vec![(Verdict::Poor, 14)], flicker].concat()), [12]);
-        assert_eq!(changes(&[(Verdict::Poor, 13), (Verdict::Between, 200)]), [12]);
-        assert_eq!(changes(&[(Verdict::Poor, 13), (Verdict::Unknown, 100)]), [12, 60], "the face has left");
+        assert_eq!(changes(&[(POOR, 20), (FINE, 20)]), [12, 31]);
+        assert_eq!(changes(&[vec![(POOR, 14)], flicker].concat()), [12]);
+        assert_eq!(changes(&[(POOR, 13), (BETWEEN, 200)]), [12]);
+        assert_eq!(changes(&[(POOR, 13), (UNKNOWN, 100)]), [12, 60], "the face has left");
         let mut after_a_pause = Steady::default();
-        assert!([0, 86_400_000_000].iter().all(|at_us| !after_a_pause.update(Verdict::Poor, *at_us, HOLD_US)));
+        assert!([0, 86_400_000_000].iter().all(|at_us| !after_a_pause.update(POOR, *at_us, HOLD_US)));
     }
 
     /// A face in good light, large and whole.

@@ -141,7 +141,15 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
-            Self::Run(arguments) => run_service(arguments),
+            Self::Run(arguments) => {
+                let settings = arguments.load()?;
+                let level = log::start(settings.log.level);
+                // This fails only after the log has been dropped.
+                let set_log_level = move |wanted| drop(level.reload(wanted));
+                let status = service::run(settings, Arc::new(move || arguments.load()), Box::new(set_log_level))?;
+                tracing::info!("stopped: {status}");
+                Ok(())
+            }
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check(args) => check::run(&args),
             Self::Devices => devices::run(),
@@ -151,16 +159,6 @@ impl Command {
             }
         }
     }
-}
-
-fn run_service(arguments: SettingsArgs) -> Result<(), Failure> {
-    let settings = arguments.load()?;
-    let level = log::start(settings.log.level);
-    // This fails only after the log has been dropped.
-    let set_log_level = move |wanted| drop(level.reload(wanted));
-    let status = service::run(settings, Arc::new(move || arguments.load()), Box::new(set_log_level))?;
-    tracing::info!("stopped: {status}");
-    Ok(())
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

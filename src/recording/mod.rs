@@ -15,7 +15,7 @@
 mod frame;
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufReader, ErrorKind, Read, Write as _};
+use std::io::{self, BufReader, ErrorKind, Read, Seek as _, Write as _};
 use std::mem::take;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
@@ -51,8 +51,7 @@ pub enum RecordingError {
 #[derive(Debug)]
 pub struct Writer {
     file: File,
-    limit_bytes: u64,
-    written_bytes: u64,
+    left_bytes: u64,
     chunk: Vec<u8>,
     before: Box<Steps>,
     /// Times of capture of the first frame and of the first one of the chunk, microseconds.
@@ -74,8 +73,9 @@ impl Writer {
             return Err(error);
         }
         let (chunk, before) = (Vec::with_capacity(MAX_CHUNK_BYTES), Box::new(std::array::from_fn(|_| 0)));
-        let (written_bytes, begun_us, chunks, frames, chunk_frames) = (START.len() as u64, None, 0, 0, 0);
-        Ok(Self { file, limit_bytes, written_bytes, chunk, before, begun_us, chunks, frames, chunk_frames })
+        let (left_bytes, begun_us, chunks, frames, chunk_frames) =
+            (limit_bytes.saturating_sub(START.len() as u64), None, 0, 0, 0);
+        Ok(Self { file, left_bytes, chunk, before, begun_us, chunks, frames, chunk_frames })
     }
 
     /// Adds a frame. Returns `false` if there is no room for it.
@@ -103,7 +103,7 @@ impl Writer {
     pub fn finish(&mut self) -> io::Result<u64> {
         self.write_chunk()?;
         self.file.sync_data()?;
-        Ok(self.written_bytes)
+        self.file.stream_position()
     }
 
     /// Writes the chunk, and begins another one. Returns `false` if there is no room for it; it is then discarded.
@@ -120,11 +120,9 @@ impl Writer {
         crc.update(&bytes);
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         let bytes = [&length.to_le_bytes()[..], &crc.sum().to_le_bytes(), &bytes].concat();
-        if self.written_bytes + bytes.len() as u64 > self.limit_bytes {
-            return Ok(false);
-        }
+        let Some(left_bytes) = self.left_bytes.checked_sub(bytes.len() as u64) else { return Ok(false) };
         self.file.write_all(&bytes)?;
-        self.written_bytes += bytes.len() as u64;
+        self.left_bytes = left_bytes;
         self.frames += frames;
         self.chunks += 1;
         if self.chunks.is_multiple_of(SYNC_CHUNKS) {

@@ -257,13 +257,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_and_baud_rates_that_make_no_sense_are_refused_and_the_longest_time_fits_the_clock() {
+    fn times_that_make_no_sense_are_refused_and_the_longest_fits_the_clock() {
         for wrong in ["0", "-1", "1e19", "1e308", "inf", "NaN", "1e-320", "31536001", "ten"] {
-            assert!(seconds(wrong).is_err(), "--seconds {wrong}");
-        }
-        for wrong in ["--baud=0", "--baud=300", "--baud=4000001", "--packets=0", "--packets=18446744073709551616"] {
-            let arguments = ["facewire", "monitor", "--serial", "/dev/ttyUSB0", wrong];
-            assert!(crate::command().try_get_matches_from(arguments).is_err(), "{wrong}");
+            assert!(seconds(wrong).is_err(), "{wrong}");
         }
         assert!(Instant::now().checked_add(seconds("31536000").unwrap()).is_some());
     }

@@ -12,12 +12,6 @@ type Sight = Result<Seen, Refusal>;
 /// Coefficients by name; all others are 0.
 pub(crate) type Shown<'a> = &'a [(&'a str, f32)];
 
-pub(crate) struct Wearer {
-    pub(crate) model: Arc<Model>,
-    /// The coefficients of the neutral face, measured from the mean of many people.
-    general: Vec<(&'static str, f32)>,
-}
-
 /// A model that reads nothing in the landmarks, so that the residual is all that a face shows.
 pub(crate) fn blank_model_file() -> ModelFile {
     let named = |name: &&str| ((*name).to_owned(), FormulaTable::default());
@@ -29,56 +23,55 @@ pub(crate) fn blank_model_file() -> ModelFile {
 
 const FRAME_US: u64 = 33_333;
 
-impl Wearer {
-    pub(crate) fn new() -> Self {
-        Self { model: blank_model_file().to_model().unwrap().into(), general: Vec::new() }
-    }
+fn guide() -> Guide {
+    Guide::new(blank_model_file().to_model().unwrap())
+}
 
-    /// A face whose head is turned by these angles and that shows these coefficients, relative to its neutral face.
-    pub(crate) fn shows(&self, head_deg: [f32; 3], shown: Shown) -> Sight {
-        let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
-        let general: Vec<_> = self.general.iter().chain(shown).copied().collect();
-        let residuals = [&*general, shown].map(|shown| {
-            let mut residual = Coefficients([0.0; COEFFS]);
-            shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
-            residual
-        });
-        Ok(Seen { face, residuals, head_deg })
-    }
+/// A face whose head is turned by these angles and that shows these coefficients, relative to its neutral face.
+fn shows(head_deg: [f32; 3], shown: Shown) -> Sight {
+    let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
+    let mut residual = Coefficients([0.0; COEFFS]);
+    shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
+    Ok(Seen { face, residuals: [residual; 2], head_deg })
+}
 
-    /// The pose of a take, performed to this extent.
-    pub(crate) fn pose(&self, take: Take, extent: f32) -> Sight {
-        let shown: Vec<_> = take.raises().iter().map(|name| (*name, extent)).collect();
-        self.shows([0.0; 3], &shown)
-    }
+/// The pose of a take, performed to this extent.
+pub(crate) fn pose(take: Take, extent: f32) -> Sight {
+    let shown: Vec<_> = take.raises().iter().map(|name| (*name, extent)).collect();
+    shows([0.0; 3], &shown)
+}
 
-    /// Follows the guide in frames at these times: `act` says what the wearer shows, given the take and the time since it
-    /// was asked for. Returns the outcome, and the time of the last frame.
-    fn follow(
-        guide: &mut Guide,
-        times_us: impl IntoIterator<Item = u64>,
-        mut act: impl FnMut(Take, f32) -> Sight,
-    ) -> (Result<Calibration, Refusal>, u64) {
-        let mut asked = (None, 0);
-        for time_us in times_us {
-            let Some(take) = guide.wanted() else { return (guide.outcome().unwrap(), time_us) };
-            if asked.0 != Some(take) {
-                asked = (Some(take), time_us);
-            }
-            let sight = act(take, (time_us - asked.1) as f32 / 1e6);
-            guide.update(&Observation { time_us, sight });
+/// As [`pose`], by a wearer whose neutral face shows another pose, measured from the mean of many people.
+fn pose_of_face_at(rest: Take, take: Take, extent: f32) -> Sight {
+    let mut seen = pose(take, extent)?;
+    rest.raises().iter().for_each(|name| seen.residuals[0].0[index(name)] += 0.8);
+    Ok(seen)
+}
+
+/// Follows the guide in frames at these times: `act` says what the wearer shows, given the take and the time since it was
+/// asked for. Returns the outcome, and the time of the last frame.
+fn follow(
+    guide: &mut Guide,
+    times_us: impl IntoIterator<Item = u64>,
+    mut act: impl FnMut(Take, f32) -> Sight,
+) -> (Result<Calibration, Refusal>, u64) {
+    let mut asked = (None, 0);
+    for time_us in times_us {
+        let Some(take) = guide.wanted() else { return (guide.outcome().unwrap(), time_us) };
+        if asked.0 != Some(take) {
+            asked = (Some(take), time_us);
         }
-        panic!("the guide does not end: {:?}", guide.progress())
+        let sight = act(take, (time_us - asked.1) as f32 / 1e6);
+        guide.update(&Observation { time_us, sight });
     }
+    panic!("the guide does not end: {:?}", guide.progress())
+}
 
-    /// Shows the guide this many frames.
-    fn show(&self, frames: u64, mut act: impl FnMut(u64) -> Sight) -> Guide {
-        let mut guide = Guide::new(self.model.clone());
-        for frame in 0..frames {
-            guide.update(&Observation { time_us: frame * FRAME_US, sight: act(frame) });
-        }
-        guide
-    }
+/// Shows a guide this many frames.
+fn show(frames: u64, mut act: impl FnMut(u64) -> Sight) -> Guide {
+    let mut guide = guide();
+    (0..frames).for_each(|frame| guide.update(&Observation { time_us: frame * FRAME_US, sight: act(frame) }));
+    guide
 }
 
 /// The times of frames for 300 s.
@@ -91,31 +84,28 @@ fn index(name: &str) -> usize {
 }
 
 /// Follows every take to this extent, half a second after being asked.
-fn follow_all(wearer: &Wearer, extent: f32) -> (Result<Calibration, Refusal>, u64) {
-    let act = |take, since_s| wearer.pose(take, if since_s > 0.5 { extent } else { 0.0 });
-    Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), act)
+fn follow_all(extent: f32) -> (Result<Calibration, Refusal>, u64) {
+    follow(&mut guide(), frames_from(0), |take, since_s| pose(take, if since_s > 0.5 { extent } else { 0.0 }))
 }
 
 #[test]
 fn wearer_who_follows_is_done_within_30_s_and_gets_gains_within_bounds() {
-    let wearer = Wearer::new();
-    let (outcome, took_us) = follow_all(&wearer, 0.6);
+    let (outcome, took_us) = follow_all(0.6);
     let calibration = outcome.unwrap();
     assert_eq!(calibration.taken, Take::ALL);
     assert_eq!((calibration.left_out.len(), calibration.refused), (0, 0));
     assert!(took_us < 30_000_000, "{took_us}");
     let gain = |name| calibration.profile.gain[index(name)];
-    let shut = wearer.model.correction.0[0].correct(0.6, calibration.profile.rest[0], gain("eyeBlinkLeft"));
+    let shut = guide().model.correction.0[0].correct(0.6, calibration.profile.rest[0], gain("eyeBlinkLeft"));
     assert!(shut > 0.95, "lids are brought to 1: {shut}");
     assert!((1.02..1.1).contains(&gain("eyeLookOutLeft")), "weak poses are strengthened");
     assert_eq!(["cheekPuff", "mouthSmileLeft"].map(gain), [1.0; 2], "no pose tells about these");
-    let strong = follow_all(&wearer, 1.2).0.unwrap();
+    let strong = follow_all(1.2).0.unwrap();
     assert!((strong.profile.gain[index("browDownLeft")] - 0.6).abs() < 1e-6);
 }
 
 #[test]
 fn slow_camera_is_enough() {
-    let wearer = Wearer::new();
     for period_us in [400_000, 2_000_000] {
         // Times that vary by a quarter, and a blink in every seventh frame.
         let times_us = (1..400).scan(0, |time_us, frame| {
@@ -123,10 +113,10 @@ fn slow_camera_is_enough() {
             Some(*time_us)
         });
         let mut frame = 0;
-        let (outcome, _) = Wearer::follow(&mut Guide::new(wearer.model.clone()), times_us, |take, _| {
+        let (outcome, _) = follow(&mut guide(), times_us, |take, _| {
             frame += 1;
             let is_blink = frame % 7 == 3 && take != Take::EyesShut;
-            wearer.pose(if is_blink { Take::EyesShut } else { take }, 0.9)
+            pose(if is_blink { Take::EyesShut } else { take }, 0.9)
         });
         assert_eq!(outcome.unwrap().taken, Take::ALL, "{period_us}");
     }
@@ -134,76 +124,71 @@ fn slow_camera_is_enough() {
 
 #[test]
 fn conditions_of_the_neutral_take_are_named_and_without_it_there_is_no_profile() {
-    let mut wearer = Wearer::new();
-    let waits_for = |wearer: &Wearer, sight: Sight| wearer.show(120, |_| sight.clone()).progress().waits_for.unwrap();
-    assert_eq!(waits_for(&wearer, Err(Refusal::TooDark)), Refusal::TooDark);
+    let waits_for = |sight: Sight| show(120, |_| sight.clone()).progress().waits_for.unwrap();
+    assert_eq!(waits_for(Err(Refusal::TooDark)), Refusal::TooDark);
     for turned in [[25.0, 0.0, 0.0], [0.0, -25.0, 0.0], [0.0, 0.0, 25.0], [f32::NAN, 0.0, 0.0]] {
-        assert_eq!(waits_for(&wearer, wearer.shows(turned, &[])), Refusal::HeadTurned);
+        assert_eq!(waits_for(shows(turned, &[])), Refusal::HeadTurned);
     }
     let poses = [Take::EyesShut, Take::Smile, Take::JawOpen];
-    for (pose, refusal) in poses.into_iter().zip([Refusal::EyesShut, Refusal::Smiling, Refusal::MouthOpen]) {
-        wearer.general = pose.raises().iter().map(|name| (*name, 0.8)).collect();
-        assert_eq!(waits_for(&wearer, wearer.pose(Take::Neutral, 0.0)), refusal);
+    for (rest, refusal) in poses.into_iter().zip([Refusal::EyesShut, Refusal::Smiling, Refusal::MouthOpen]) {
+        assert_eq!(waits_for(pose_of_face_at(rest, Take::Neutral, 0.0)), refusal);
     }
-    assert_eq!(follow_all(&wearer, 0.8).0, Err(Refusal::MouthOpen));
-    let (outcome, took_us) =
-        Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), |_, _| Err(Refusal::NoFace));
+    let open = follow(&mut guide(), frames_from(0), |take, _| pose_of_face_at(Take::JawOpen, take, 0.8));
+    assert_eq!(open.0, Err(Refusal::MouthOpen));
+    let (outcome, took_us) = follow(&mut guide(), frames_from(0), |_, _| Err(Refusal::NoFace));
     assert!(outcome == Err(Refusal::NoFace) && took_us < 40_000_000, "{took_us}");
 }
 
 #[test]
 fn moving_head_and_speaking_mouth_refuse_the_neutral_take_and_a_blink_is_left_out() {
-    let wearer = Wearer::new();
-    let sways = wearer.show(120, |frame| wearer.shows([0.5 * (frame % 20) as f32, 0.0, 0.0], &[]));
+    let sways = show(120, |frame| shows([0.5 * (frame % 20) as f32, 0.0, 0.0], &[]));
     assert_eq!((sways.refused > 2, sways.last_refusal), (true, Some(Refusal::HeadMoves)));
-    let speaks = wearer.show(120, |frame| wearer.pose(Take::JawOpen, (frame / 8 % 2) as f32 * 0.35));
+    let speaks = show(120, |frame| pose(Take::JawOpen, (frame / 8 % 2) as f32 * 0.35));
     assert_eq!((speaks.refused > 2, speaks.last_refusal), (true, Some(Refusal::FaceMoves)));
     let shut = |frame| if (50..55).contains(&frame) { 0.6 } else { 0.0 };
-    let blinks = wearer.show(100, |frame| wearer.pose(Take::EyesShut, shut(frame)));
+    let blinks = show(100, |frame| pose(Take::EyesShut, shut(frame)));
     assert_eq!((blinks.wanted(), blinks.refused), (Some(Take::EyesShut), 0));
     assert!(blinks.takes.neutral.unwrap().raw[0].abs() < 0.01);
 }
 
 #[test]
 fn poses_are_taken_again_or_left_out_with_the_reason() {
-    let wearer = Wearer::new();
-    let run = |act: fn(&Wearer, Take, f32) -> Sight| {
-        let mut guide = Guide::new(wearer.model.clone());
-        let (outcome, _) = Wearer::follow(&mut guide, frames_from(0), |take, since_s| act(&wearer, take, since_s));
+    let run = |act: fn(Take, f32) -> Sight| {
+        let mut guide = guide();
+        let (outcome, _) = follow(&mut guide, frames_from(0), act);
         let Calibration { profile, left_out, refused, .. } = outcome.unwrap();
         ((refused, guide.last_refusal, left_out), profile.gain)
     };
-    let not_performed = run(|wearer, take, _| wearer.pose(take, if take == Take::BrowsUp { 0.05 } else { 0.6 }));
+    let not_performed = run(|take, _| pose(take, if take == Take::BrowsUp { 0.05 } else { 0.6 }));
     assert_eq!(not_performed.0, (0, None, vec![(Take::BrowsUp, Refusal::NotSeen)]));
     assert!(not_performed.1[index("browInnerUp")] == 1.0 && not_performed.1[index("browDownLeft")] < 0.9);
-    let ends_too_early = run(|wearer, take, since_s| {
+    let ends_too_early = run(|take, since_s| {
         let is_released = take == Take::Smile && (1.0..1.6).contains(&since_s);
-        wearer.pose(take, if is_released { 0.0 } else { 0.8 })
+        pose(take, if is_released { 0.0 } else { 0.8 })
     });
     assert_eq!(ends_too_early.0, (1, Some(Refusal::TooShort), vec![]));
-    let slow = run(|wearer, take, since_s| wearer.pose(take, (0.4 * since_s).min(0.9)));
+    let slow = run(|take, since_s| pose(take, (0.4 * since_s).min(0.9)));
     assert_eq!(slow.0, (0, None, vec![]));
     assert!((0.85..0.92).contains(&slow.1[index("eyeLookOutLeft")]), "a slow pose is measured at its end");
-    let face_is_lost = run(|wearer, take, since_s| match take {
+    let face_is_lost = run(|take, since_s| match take {
         Take::JawOpen if (1.0..3.0).contains(&since_s) => Err(Refusal::NoFace),
-        Take::LookLeft => wearer.shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),
-        _ => wearer.pose(take, 0.8),
+        Take::LookLeft => shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),
+        _ => pose(take, 0.8),
     });
     assert_eq!(face_is_lost.0, (1, Some(Refusal::NoFace), vec![(Take::LookLeft, Refusal::HeadTurned)]));
 }
 
 #[test]
 fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeated() {
-    let wearer = Wearer::new();
-    let (mut guide, mut neutrals) = (Guide::new(wearer.model.clone()), 0);
-    let (outcome, _) = Wearer::follow(&mut guide, frames_from(0), |take, since_s| {
+    let (mut guide, mut neutrals) = (guide(), 0);
+    let (outcome, _) = follow(&mut guide, frames_from(0), |take, since_s| {
         neutrals += u32::from(take == Take::Neutral && since_s == 0.0);
         let below = if neutrals == 1 { -0.35 } else { 0.0 };
         let mut shown: Vec<_> = take.raises().iter().map(|name| (*name, 0.8)).collect();
         if take != Take::Neutral {
             shown.extend(Take::Smile.raises().iter().map(|name| (*name, below)));
         }
-        wearer.shows([0.0; 3], &shown)
+        shows([0.0; 3], &shown)
     });
     // The observations stay relative to the first neutral face, so the repeated take cannot agree with them here.
     assert!(neutrals >= 2, "the neutral take is asked for again");
@@ -212,11 +197,10 @@ fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeate
 
 #[test]
 fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
-    let wearer = Wearer::new();
     for jump_us in [3_600_000_000, 2_000_000] {
-        let mut guide = Guide::new(wearer.model.clone());
+        let mut guide = guide();
         let observe = |guide: &mut Guide, time_us| {
-            guide.update(&Observation { time_us, sight: wearer.shows([0.0; 3], &[]) });
+            guide.update(&Observation { time_us, sight: shows([0.0; 3], &[]) });
         };
         assert_eq!(guide.progress().phase, Phase::GetReady);
         frames_from(5_000_000).take(45).for_each(|time_us| observe(&mut guide, time_us));
@@ -228,7 +212,7 @@ fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
             let is_gap = time_us == 1 || jump_us > 2_000_000;
             assert!(!is_gap || guide.progress().measured < 0.1, "a gap ends the hold");
         }
-        let (outcome, _) = Wearer::follow(&mut guide, frames_from(2), |take, _| wearer.pose(take, 0.8));
+        let (outcome, _) = follow(&mut guide, frames_from(2), |take, _| pose(take, 0.8));
         assert_eq!(outcome.unwrap().taken, Take::ALL);
     }
 }

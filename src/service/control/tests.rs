@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use super::super::observer::{self, Observer};
 use super::client::MAX_LINE;
 use super::*;
-use crate::calibration::test_wearer::{Wearer, blank_model_file};
+use crate::calibration::test_wearer::{blank_model_file, pose};
 use crate::calibration::{Phase, Refusal, Seen, Take};
 
 /// What the control thread works with, and what a hot loop and a supervisor would hold.
@@ -118,12 +118,12 @@ impl Answers {
 fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
     let mut rig = Rig::new();
     let mut answers = rig.calibrate("anna");
-    let (wearer, mut take, mut kept) = (Wearer::new(), Take::Neutral, None);
+    let (mut take, mut kept) = (Take::Neutral, None);
     for time_us in (1..1000).map(|number| number * 200_000) {
         if kept.is_some() {
             break;
         }
-        rig.show(time_us, wearer.pose(take, 0.8));
+        rig.show(time_us, pose(take, 0.8));
         // Progress that changes more than the bars, as each new take does, is sent at once.
         while let Some(reply) = answers.next() {
             match reply {
@@ -255,7 +255,7 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
 
 #[test]
 fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
-    let guide = Guide::new(Wearer::new().model);
+    let guide = Guide::new(blank_model_file().to_model().unwrap());
     let (client, _far) = client();
     let mut calibrating = Calibrating::new(client, named("anna").unwrap(), guide, 0);
     let mut waits_for = |now_us| {

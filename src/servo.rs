@@ -12,16 +12,12 @@ use std::time::Instant;
 use facewire_face::yaw_pitch_roll_deg;
 use facewire_packet::{BLENDSHAPE_COUNT, Packet, Reason, State};
 
-use crate::config::{AtLoss, ChannelSettings, SOURCE_COUNT};
+use crate::config::{AtLoss, ChannelSettings, SOURCE_COUNT, Sources};
 
 /// Longest time that one step accounts for, seconds. After a longer pause the motion goes on as if it had been paused.
 const LONGEST_STEP_S: f32 = 0.1;
 /// A position this close to its target counts as there: 0.1 µs in a range of 1000 µs, where a Maestro's step is 0.25.
 const ARRIVED: f32 = 1e-4;
-
-/// The values that channels follow: the coefficients, then the angles of the head in degrees, in the order of
-/// [`SOURCE_NAMES`](crate::config::SOURCE_NAMES).
-type Values = [f32; SOURCE_COUNT];
 
 /// The channels of a board in the order of their numbers, and when they last moved.
 pub struct Board {
@@ -45,7 +41,8 @@ impl Board {
     }
 }
 
-fn values(rotation: [f32; 4], coefficients: &[f32; BLENDSHAPE_COUNT]) -> Values {
+/// Returns the coefficients, then the angles of the head in degrees.
+fn values(rotation: [f32; 4], coefficients: &[f32; BLENDSHAPE_COUNT]) -> Sources {
     let (mut values, angles_deg) = ([0.0; SOURCE_COUNT], yaw_pitch_roll_deg(rotation));
     values.iter_mut().zip(coefficients.iter().chain(&angles_deg)).for_each(|(to, from)| *to = *from);
     values
@@ -101,7 +98,7 @@ impl Channel {
     }
 
     /// Follows the sources for `step_s`.
-    fn step(&mut self, state: State, reason: Reason, values: &Values, step_s: f32) {
+    fn step(&mut self, state: State, reason: Reason, values: &Sources, step_s: f32) {
         let is_lost = state == State::Neutral;
         if is_lost {
             self.target = self.neutral;
@@ -125,8 +122,8 @@ impl Channel {
     }
 
     /// Returns the weighted sum of the sources, or `None` if they give no number.
-    fn position(&self, values: &Values) -> Option<f32> {
-        let used = self.settings.sources.0.iter().zip(values).filter(|(gain, _)| **gain != 0.0);
+    fn position(&self, values: &Sources) -> Option<f32> {
+        let used = self.settings.sources.iter().zip(values).filter(|(gain, _)| **gain != 0.0);
         let sum = self.settings.offset + used.map(|(gain, value)| gain * value).sum::<f32>();
         (!sum.is_nan()).then(|| sum.clamp(0.0, 1.0))
     }
@@ -204,14 +201,14 @@ fn braking_speed(way: f32, acceleration_per_s2: f32, step_s: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{SOURCE_NAMES, Sources};
+    use crate::config::SOURCE_NAMES;
 
     const STEP_S: f32 = 0.02;
     const ROUNDING: f32 = 1e-4;
 
     type Named<'a> = &'a [(&'a str, f32)];
 
-    fn valued(sources: Named) -> Values {
+    fn valued(sources: Named) -> Sources {
         let mut values = [0.0; SOURCE_COUNT];
         for (name, value) in sources {
             values[SOURCE_NAMES.iter().position(|source| source == name).unwrap()] = *value;
@@ -220,7 +217,7 @@ mod tests {
     }
 
     fn channel(sources: Named, offset: f32, dead_zone: f32, loss: AtLoss) -> Channel {
-        let sources = Sources(valued(sources));
+        let sources = valued(sources);
         Channel::new(&ChannelSettings { sources, offset, dead_zone, neutral: 0.5, loss, ..ChannelSettings::default() })
     }
 

@@ -27,9 +27,11 @@ pub struct LinkSettings {
     pub adjust: Adjustments,
 }
 
-/// Declares the kinds of links. The first is the default.
+/// Declares the kinds of links, each with its name and the table of its own keys.
 macro_rules! link_kinds {
-    ( $( $variant:ident($settings:ident) = $key:literal, )* ) => {
+    ($( $variant:ident = $key:literal, $settings:ident $keys:tt )*) => {
+        section! { $( $settings $keys )* }
+
         #[derive(Debug, Clone, PartialEq)]
         pub enum LinkKind {
             $( $variant($settings), )*
@@ -60,46 +62,34 @@ macro_rules! link_kinds {
     };
 }
 
-link_kinds! {
-    Udp(UdpSettings) = "udp",
-    Serial(SerialSettings) = "serial",
-    LiveLink(LiveLinkSettings) = "live-link",
-    Vmc(VmcSettings) = "vmc",
-    Vrchat(VrchatSettings) = "vrchat",
-    Maestro(MaestroSettings) = "maestro",
-    Pca9685(Pca9685Settings) = "pca9685",
-    IFacialMocap(IFacialMocapSettings) = "ifacialmocap",
-    Json(JsonSettings) = "json",
-}
-
 impl Default for LinkKind {
     fn default() -> Self {
         Self::Udp(UdpSettings::default())
     }
 }
 
-section! {
-    UdpSettings { address: Address = Address::local(5252), address(); }
+link_kinds! {
+    Udp = "udp", UdpSettings { address: Address = Address::local(5252), address(); }
 
-    SerialSettings {
+    Serial = "serial", SerialSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
         baud: u32 = 115_200, whole(19_200..=4_000_000, " (1/s)");
     }
 
-    LiveLinkSettings {
+    LiveLink = "live-link", LiveLinkSettings {
         address: Address = Address::local(11_111), address();
         subject: String = "webcam".to_owned(), text(UP_TO_64_CHARACTERS);
         device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), text(EXACTLY_36_CHARACTERS);
         swap_mouth: bool = false, flag();
     }
 
-    VmcSettings {
+    Vmc = "vmc", VmcSettings {
         address: Address = Address::local(39_540), address();
         bones: bool = true, flag();
         bundles: bool = true, flag();
     }
 
-    VrchatSettings {
+    Vrchat = "vrchat", VrchatSettings {
         address: Address = Address::local(9000), address();
         prefix: String = String::new(), text(OSC_PREFIX);
         floats: bool = true, flag();
@@ -111,7 +101,7 @@ section! {
         parameters: Parameters = Parameters::default(), parameters();
     }
 
-    MaestroSettings {
+    Maestro = "maestro", MaestroSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
         baud: u32 = 115_200, whole(9_600..=MOST_MAESTRO_BAUD, " (1/s)");
         protocol: MaestroProtocol = MaestroProtocol::Compact, choice();
@@ -122,7 +112,7 @@ section! {
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
-    Pca9685Settings {
+    Pca9685 = "pca9685", Pca9685Settings {
         bus: u32 = 1, whole(0..=255, "");
         address: u32 = 0x40, whole(0x40..=0x7f, "");
         pulses_hz: u32 = 50, whole(40..=400, " (1/s)");
@@ -130,15 +120,17 @@ section! {
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
-    IFacialMocapSettings {
+    IFacialMocap = "ifacialmocap", IFacialMocapSettings {
         listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into()), socket_address();
         reply_port: u32 = 49_983, whole(0..=65_535, "");
         address: Option<Address> = None, optional_address();
         version: u32 = 2, whole(1..=2, "");
     }
 
-    JsonSettings { to: JsonTarget = JsonTarget::Stdout, json_target(); }
+    Json = "json", JsonSettings { to: JsonTarget = JsonTarget::Stdout, json_target(); }
+}
 
+section! {
     PaceSettings {
         pace: PaceKind = PaceKind::Pose, choice();
         rate_hz: u32 = 0, whole(0..=240, " (1/s)");
@@ -147,7 +139,7 @@ section! {
 
     ChannelSettings {
         channel: u32 = 0, whole(0..=23, "");
-        sources: Sources = Sources::default(), table;
+        sources: Sources = [0.0; SOURCE_COUNT], table;
         offset: f32 = 0.0, number(-10.0..=10.0, "");
         pulse_at_0_us: u32 = 1000, whole(64..=4080, " (microseconds)");
         pulse_at_1_us: u32 = 2000, whole(64..=4080, " (microseconds)");
@@ -197,36 +189,25 @@ pub const SOURCE_NAMES: [&str; SOURCE_COUNT] = {
     names
 };
 
-/// How much each source moves a channel: per unit of a coefficient, and per degree of an angle.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sources(pub [f32; SOURCE_COUNT]);
+/// A number for each source. In the settings of a channel it is how much the source moves the channel: per unit of a
+/// coefficient, and per degree of an angle.
+pub type Sources = [f32; SOURCE_COUNT];
 
-impl Default for Sources {
-    fn default() -> Self {
-        Self([0.0; SOURCE_COUNT])
-    }
-}
-
-impl Sources {
-    pub fn used(&self) -> impl Iterator<Item = (&'static str, f32)> {
-        SOURCE_NAMES.into_iter().zip(self.0).filter(|(_, gain)| *gain != 0.0)
+impl ChannelSettings {
+    pub fn used_sources(&self) -> impl Iterator<Item = (&'static str, f32)> {
+        SOURCE_NAMES.into_iter().zip(self.sources).filter(|(_, gain)| *gain != 0.0)
     }
 }
 
 impl Section for Sources {
     fn fields(&mut self) -> Vec<Field<'_>> {
-        SOURCE_NAMES
-            .into_iter()
-            .zip(&mut self.0)
-            .map(|(name, gain)| field(name, gain, number(-10.0..=10.0, "")))
-            .collect()
+        SOURCE_NAMES.into_iter().zip(self).map(|(name, gain)| field(name, gain, number(-10.0..=10.0, ""))).collect()
     }
 }
 
 /// The kind of board for which `device = "auto"` searches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AutoDevice {
-    #[default]
     Microcontroller,
     Maestro,
 }

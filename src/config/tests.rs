@@ -79,7 +79,7 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         {
             assert_explained(&format!("{heading}[[link.channel]]\n"), &text);
             let mut jaw = ChannelSettings::default();
-            jaw.sources.0[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;
+            jaw.sources[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;
             channels.push(jaw);
         }
         assert_eq!(parse("link", &text).unwrap().links, [want], "{text}");
@@ -94,7 +94,7 @@ fn a_file_with_every_kind_of_link_loads_with_the_values_that_it_gives() {
     let jaw = settings.links[0].adjust.coefficients[17];
     assert_eq!((jaw.gain, jaw.offset, jaw.min, jaw.max), (1.25, 0.0, 0.0, 0.9));
     let LinkKind::Maestro(maestro) = &settings.links[5].kind else { panic!() };
-    let used: Vec<Vec<_>> = maestro.channels.iter().map(|channel| channel.sources.used().collect()).collect();
+    let used: Vec<Vec<_>> = maestro.channels.iter().map(|channel| channel.used_sources().collect()).collect();
     assert_eq!(used, [vec![("jawOpen", 0.8), ("headYaw", 0.001)], vec![("eyeBlinkLeft", 1.0)]]);
 }
 

@@ -165,7 +165,7 @@ impl Check<'_> {
 
     fn sources(&mut self, channel: &ChannelSettings) {
         let number = channel.channel;
-        if channel.sources.used().next().is_none() {
+        if channel.used_sources().next().is_none() {
             let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
             return self.faults.conflict("link.channel.sources", "{}", expected);
         }
@@ -256,7 +256,7 @@ fn range(channel: &ChannelSettings) -> [f32; 2] {
         let term = |(name, gain): (&str, f32)| {
             if name.starts_with("head") { end(-90.0 * gain, 90.0 * gain) } else { end(0.0, gain) }
         };
-        channel.offset + channel.sources.used().map(term).sum::<f32>()
+        channel.offset + channel.used_sources().map(term).sum::<f32>()
     };
     [at(f32::min), at(f32::max)]
 }

@@ -32,7 +32,6 @@ impl Board {
         Self { channels, moved_at: None }
     }
 
-    /// Moves all channels on, and returns them.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
         let step_s = self.moved_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
         let values = values(packet.rotation, &packet.coefficients);
@@ -56,7 +55,6 @@ pub struct Channel {
     neutral: f32,
     target: f32,
     motion: Motion,
-    /// Whether the servo gets no pulses.
     is_released: bool,
 }
 
@@ -221,7 +219,6 @@ mod tests {
         Channel::new(&ChannelSettings { sources, offset, dead_zone, neutral: 0.5, loss, ..ChannelSettings::default() })
     }
 
-    /// Where the channel goes for these values of the sources.
     fn target(channel: &mut Channel, sources: Named) -> f32 {
         channel.step(State::Live, Reason::None, &valued(sources), STEP_S);
         channel.target
@@ -292,7 +289,6 @@ mod tests {
         }
     }
 
-    /// A value that nothing should give.
     fn wild(random: &mut fastrand::Rng) -> f32 {
         let [large, any] = [(random.f32() - 0.5) * 1e30, random.f32()];
         let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, large, 0.0, 1.0, any, any];

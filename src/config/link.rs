@@ -307,12 +307,16 @@ pub(super) fn links(links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut
     *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
 }
 
+impl fmt::Display for Pca9685Settings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "I2C bus {}, address {:#04x}", self.bus, self.address)
+    }
+}
+
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.kind {
-            LinkKind::Pca9685(Pca9685Settings { bus, address, .. }) => {
-                write!(f, "I2C bus {bus}, address {address:#04x}")
-            }
+            LinkKind::Pca9685(settings) => settings.fmt(f),
             LinkKind::IFacialMocap(IFacialMocapSettings { listen, address, .. }) => match (listen, address) {
                 (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
                 (Some(listen), None) => write!(f, "those who ask at {listen}"),

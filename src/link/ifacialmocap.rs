@@ -3,7 +3,7 @@
 //! One datagram has the coefficients as whole percent, then the rotation of the head (degrees) with its position (metres,
 //! in the camera's axes: x right in the picture, y up, z towards the camera), and the rotations of the right and of the left
 //! eye. The axes are those of ARKit's face: positive are down, to the person's left, and to the right shoulder. The
-//! versions differ in the character between a name and its value: `-` in version 1, `&` in version 2. The format writes
+//! versions differ in the character between a name and its value: `-` in version 1, `&` in version 2. The encoder writes
 //! the version for the fixed address; the server turns it into the one that a receiver has asked for.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
@@ -22,20 +22,17 @@ use super::udp::socket_for;
 use super::{Encoder, LinkError, LinkErrorKind, Output};
 use crate::config::IFacialMocapSettings;
 
-/// Longest text, bytes.
 const LONGEST: usize = 2048;
 /// What a receiver sends to ask for the stream, and what follows if it wants version 2.
 const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
 const SECOND: &[u8] = b"|sendDataVersion=v2";
 /// Most datagrams that are read between two messages of the stream: more than the system keeps.
 const MOST_AT_ONCE: usize = 1000;
-/// Most receivers at a time.
 const MOST: usize = 8;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 const RECENT: Duration = Duration::from_mins(1);
 /// While a receiver is away, the system reports it at least this often: with every second datagram.
 const REPORT_PERIOD: Duration = Duration::from_millis(500);
-/// How long a receiver may be away before it is dropped.
 const LONGEST_AWAY: Duration = Duration::from_secs(3);
 /// Most lines of the log in a period. The last of them says that the log will be silent.
 const MOST_LINES: u32 = 20;
@@ -106,11 +103,9 @@ fn in_version<'a>(version: u32, text: &[u8], changed: &'a mut Vec<u8>) -> &'a [u
     let coefficients = changed.split_mut(|byte| *byte == b'|').take_while(|entry| !entry.starts_with(b"="));
     for entry in coefficients {
         // A later `-` is the sign of a value.
-        entry
-            .iter_mut()
-            .find(|byte| matches!(byte, b'-' | b'&'))
-            .into_iter()
-            .for_each(|byte| *byte = separator(version));
+        if let Some(byte) = entry.iter_mut().find(|byte| matches!(byte, b'-' | b'&')) {
+            *byte = separator(version);
+        }
     }
     changed
 }
@@ -383,7 +378,6 @@ mod tests {
         assert_eq!(served.server.subscribers.len(), MOST);
     }
 
-    /// Returns how many lines the log gets.
     fn log_lines(work: impl FnOnce()) -> usize {
         let file = tempfile::NamedTempFile::new().unwrap();
         let writer = Arc::<File>::new(file.reopen().unwrap());

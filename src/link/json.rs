@@ -107,7 +107,6 @@ impl Device for Stdout {
     }
 }
 
-/// A Unix socket and its clients.
 pub struct Server {
     path: PathBuf,
     clients: Vec<Client>,
@@ -150,7 +149,6 @@ struct Client {
     stream: UnixStream,
     /// The part of a line that the client has not taken yet.
     rest: Vec<u8>,
-    /// When the client last took bytes.
     took: Instant,
 }
 
@@ -242,7 +240,6 @@ mod tests {
         }
     }
 
-    /// Returns the number in the next line.
     fn next(reader: &mut BufReader<UnixStream>) -> u32 {
         let mut line = String::new();
         reader.read_line(&mut line).unwrap();

@@ -150,7 +150,6 @@ pub fn question(settings: &MaestroSettings) -> Vec<u8> {
     out
 }
 
-/// Returns a sentence for each error in an answer.
 pub fn errors(answer: [u8; ANSWER_BYTES]) -> impl Iterator<Item = &'static str> {
     let register = u16::from_le_bytes(answer);
     ERRORS.into_iter().enumerate().filter(move |(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error)
@@ -201,15 +200,10 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_rounded_down_but_never_to_0_which_would_mean_no_limit() {
+    fn limits_are_rounded_down_but_never_to_0_and_targets_neither_switch_a_servo_off_nor_set_a_high_bit() {
         assert_eq!([124.9, 125.0, 1.0, 1e9, f32::INFINITY].map(speed), [4, 5, 1, 16_383, 0]);
         assert_eq!([1250.0, 1249.0, 1.0, 1e9, f32::INFINITY].map(acceleration), [4, 3, 1, 255, 0]);
-    }
-
-    #[test]
-    fn no_pulse_becomes_a_target_that_switches_the_servo_off_or_sets_a_high_bit() {
         let targets = [f32::NEG_INFINITY, -1.0, 0.0, 4080.0, 1e30].map(|pulse_us| target(Some(pulse_us)));
-        assert_eq!(targets, [1, 1, 1, 16_320, 16_383]);
-        assert_eq!(data(16_383), [0x7F; 2]);
+        assert_eq!((targets, data(16_383)), ([1, 1, 1, 16_320, 16_383], [0x7F; 2]));
     }
 }

@@ -74,7 +74,6 @@ pub struct Link {
     pace: Pace,
 }
 
-/// Why a link is not open, in one sentence for the operator.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link {message}")]
 pub struct LinkError {
@@ -279,7 +278,6 @@ mod testing {
         crate::config::parse("test", &text).unwrap().links.remove(0).kind
     }
 
-    /// Returns a live output that faces the camera with these coefficients.
     pub fn face(look: &[(&str, f32)]) -> Output {
         let mut output = test_output(State::Live);
         for (name, value) in look {

@@ -6,7 +6,6 @@
 //! whose `loss` is "silent", while the face is neutral because no face is followed.
 //! Time is an argument: a clock that stands still or steps back delays packets and does no other harm.
 
-use facewire_face::Adjustments;
 use facewire_face::stages::mirror_image;
 use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
 
@@ -42,14 +41,6 @@ impl Pose {
         neutral_face: NeutralFace::Mean,
     };
 
-    fn adjusted(mut self, adjustments: &Adjustments) -> Self {
-        adjustments.apply(&mut self.coefficients);
-        if adjustments.mirror {
-            (self.rotation, self.position_mm) = mirror_image(self.rotation, self.position_mm);
-        }
-        self
-    }
-
     /// Whether a receiver would show the difference between two poses.
     fn differs_visibly(&self, other: &Self) -> bool {
         let moves = |from: &[f32], to: &[f32], step| from.iter().zip(to).any(|(from, to)| (from - to).abs() >= step);
@@ -59,7 +50,6 @@ impl Pose {
     }
 }
 
-/// The output of the failsafe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
     /// How far the pose can be trusted.
@@ -115,7 +105,13 @@ impl Shown {
 
     /// Returns this output as the last one that the link shows.
     pub fn last(settings: &LinkSettings, output: &Output) -> Output {
-        Output { pose: output.pose.adjusted(&settings.adjust), ..output.clone() }
+        let (mut shown, adjust) = (output.clone(), &settings.adjust);
+        let Pose { rotation, position_mm, coefficients, .. } = &mut shown.pose;
+        adjust.apply(coefficients);
+        if adjust.mirror {
+            (*rotation, *position_mm) = mirror_image(*rotation, *position_mm);
+        }
+        shown
     }
 }
 
@@ -158,7 +154,6 @@ fn interval_us(loss: Loss, kind: PaceKind, period_us: u64, last: &Output, output
     }
 }
 
-/// Returns a neutral output in this state.
 #[cfg(test)]
 pub fn test_output(state: State) -> Output {
     let reason = if state == State::Live { Reason::None } else { Reason::NoFace };

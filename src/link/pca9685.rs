@@ -27,6 +27,7 @@ use super::{LinkError, LinkErrorKind};
 use crate::config::Pca9685Settings;
 use crate::servo::Board;
 
+/// Time between two checks whether the chip still makes pulses.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 pub const CHANNELS: u8 = 16;
@@ -62,10 +63,6 @@ const OSCILLATOR_START: Duration = Duration::from_micros(500);
 /// Most bytes of one transfer of `SMBus`. Every adapter supports these; those of PCs and the kernel's `i2c-stub` support no
 /// longer ones.
 const TRANSFER_BYTES: usize = 32;
-
-fn name(settings: &Pca9685Settings) -> String {
-    format!("I2C bus {}, address {:#04x}", settings.bus, settings.address)
-}
 
 fn refused(name: impl Display, error: impl Into<io::Error>) -> LinkError {
     let error = error.into();
@@ -111,7 +108,7 @@ pub struct Bus {
 impl Bus {
     /// Opens the bus and claims the chip, for one link of one program.
     pub fn open(settings: &Pca9685Settings) -> Result<Self, LinkError> {
-        let name = name(settings);
+        let name = settings.to_string();
         let (node, address) = (PathBuf::from(format!("/dev/i2c-{}", settings.bus)), settings.address as u8);
         // A lock for writing needs a file that is open for writing.
         let claim = File::options().read(true).write(true).open(&node).map_err(|error| refused(&name, error))?;
@@ -317,7 +314,6 @@ impl Device for Servos {
         self.show(&packet, bus).map(|()| true)
     }
 
-    /// Checks once a second whether the chip still makes pulses, and makes it ready again if not.
     fn attend(&mut self, bus: &mut Bus) -> Result<(), LinkError> {
         if self.checked_at.elapsed() >= CHECK_PERIOD {
             self.checked_at = Instant::now();
@@ -399,7 +395,6 @@ mod tests {
         }
     }
 
-    /// The servos of a service that starts.
     fn start(chip: &mut Simulated) -> Servos {
         let LinkKind::Pca9685(settings) = kind("pca9685", CHANNEL_KEYS) else { unreachable!() };
         let mut servos = Servos::new(&settings);

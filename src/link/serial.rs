@@ -184,7 +184,6 @@ struct Port {
     tty: TTYPort,
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
     dtr: Option<OwnedFd>,
-    /// Whether an answer is awaited.
     is_asked: bool,
     /// When the restart, the preamble or the last question began.
     since: Instant,

@@ -26,7 +26,6 @@ const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 /// A socket, and the address to which it sends.
 type Destination = (UdpSocket, SocketAddr);
 
-/// Datagrams to one address.
 pub struct UdpCarrier {
     destination: Newest<Option<Destination>>,
     /// Wakes the thread that looks a host name up. The thread ends when this is dropped.
@@ -77,7 +76,6 @@ impl UdpCarrier {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
     }
 
-    /// The system's error number if the network refused the last message.
     pub fn refusal(&self) -> Option<i32> {
         self.refusal
     }
@@ -232,7 +230,6 @@ mod tests {
         socket
     }
 
-    /// Messages sent, and messages dropped.
     fn counts(link: &UdpCarrier) -> [u64; 2] {
         [&link.traffic.sent, &link.traffic.dropped].map(|counter| counter.load(Relaxed))
     }
@@ -279,7 +276,6 @@ mod tests {
         }
     }
 
-    /// Whether the link's packets arrive at this socket.
     fn arrives(link: &mut UdpCarrier, socket: &UdpSocket) -> bool {
         socket.set_nonblocking(true).unwrap();
         while socket.recv(&mut [0; 1024]).is_ok() {}

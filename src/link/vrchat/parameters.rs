@@ -80,13 +80,6 @@ impl Face {
     }
 }
 
-#[derive(Debug, Clone, Copy)]
-enum Of {
-    Left,
-    Right,
-    Both,
-}
-
 fn mean(a: f32, b: f32) -> f32 {
     0.5 * (a + b)
 }
@@ -95,28 +88,27 @@ pub struct Parameter {
     /// Its name after `v2/`.
     pub name: String,
     pub group: Group,
-    of: Of,
+    /// The shares of the left and of the right side.
+    shares: [f32; 2],
     formula: fn(&Face, &Side) -> f32,
 }
 
 impl Parameter {
     /// The value of the parameter, from -1 to 1.
     pub fn value(&self, face: &Face) -> f32 {
-        match self.of {
-            Of::Left => (self.formula)(face, &face.left),
-            Of::Right => (self.formula)(face, &face.right),
-            Of::Both => mean((self.formula)(face, &face.left), (self.formula)(face, &face.right)),
-        }
+        let [left, right] = self.shares;
+        left * (self.formula)(face, &face.left) + right * (self.formula)(face, &face.right)
     }
 }
 
 pub static PARAMETERS: LazyLock<Vec<Parameter>> = LazyLock::new(|| {
     let mut parameters = Vec::new();
     for (names, (sides, whole), formula) in ROWS {
-        for (side, of, group) in [("Left", Of::Left, sides), ("Right", Of::Right, sides), ("", Of::Both, whole)] {
+        for (side, shares, group) in [("Left", [1.0, 0.0], sides), ("Right", [0.0, 1.0], sides), ("", [0.5; 2], whole)]
+        {
             let named = |name: &&str| {
                 let (begin, end) = name.split_once('*').unwrap_or((name, ""));
-                Some(Parameter { name: format!("{begin}{side}{end}"), group: (*group)?, of, formula: *formula })
+                Some(Parameter { name: format!("{begin}{side}{end}"), group: (*group)?, shares, formula: *formula })
             };
             parameters.extend(names.iter().filter_map(named));
         }

@@ -14,11 +14,9 @@ use tracing_subscriber::{Registry, reload};
 /// The largest write that a pipe reported as writable accepts without blocking (`PIPE_BUF` in pipe(7)).
 const LONGEST_LINE: usize = 4096;
 
-/// Changes the level of the log while the service runs.
-pub type Level = reload::Handle<LevelFilter, Registry>;
-
-/// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own.
-pub fn start(level: LevelFilter) -> Level {
+/// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own. Returns what changes
+/// the level.
+pub fn start(level: LevelFilter) -> reload::Handle<LevelFilter, Registry> {
     let (filter, handle) = reload::Layer::new(level);
     let output = Mutex::new(Lossy { output: stderr(), lost: 0 });
     let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(output);

@@ -13,7 +13,7 @@ use std::process::{self, ExitCode};
 use std::sync::Arc;
 
 use clap::builder::PossibleValuesParser;
-use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::calibrate::Connection;
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
@@ -54,10 +54,6 @@ Signals:
   HUP        read the settings again; invalid settings are refused and the current ones stay
   USR1       write the status line now";
 
-const DEVICES_EXAMPLE: &str = "\
-Example:
-  facewire devices                          use a stable path in the settings";
-
 const DEFAULTS_EXAMPLE: &str = "\
 Examples:
   facewire defaults > facewire.toml         remove the \"# \" from the lines you change
@@ -66,12 +62,6 @@ Examples:
 /// Turns a webcam into 52 ARKit blendshape coefficients and a head pose, sent as packets.
 #[derive(Debug, Parser)]
 #[command(name = "facewire", version, after_help = EXAMPLES)]
-struct Cli {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
 enum Command {
     /// Run the service: camera to links, until SIGTERM or Ctrl-C.
     #[command(after_help = RUN_EXAMPLES)]
@@ -82,7 +72,7 @@ enum Command {
     #[command(after_help = check::EXAMPLES)]
     Check(SettingsArgs),
     /// List cameras with their formats and stable paths, and serial ports.
-    #[command(after_help = DEVICES_EXAMPLE)]
+    #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]
     Devices,
     /// Print every setting with its default, commented out.
     #[command(after_help = DEFAULTS_EXAMPLE)]
@@ -130,10 +120,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let tool = TOOLS.iter().find(|(tool, _)| name.is_some_and(|name| name == tool));
     let outcome = match tool {
         Some((tool, _)) => Err(start_tools(tool, arguments.get(1..).unwrap_or_default())),
-        None => Cli::from_arg_matches(&command().get_matches_from(arguments))
-            .unwrap_or_else(|error| error.exit())
-            .command
-            .run(),
+        None => {
+            Command::from_arg_matches(&command().get_matches_from(arguments)).unwrap_or_else(|error| error.exit()).run()
+        }
     };
     outcome.map_or_else(|failure| failure.report(), |()| ExitCode::SUCCESS)
 }
@@ -176,7 +165,7 @@ fn start_tools(tool: &str, arguments: &[OsString]) -> Failure {
 /// The definitions of all arguments. The commands of `facewire-tools` are listed by name.
 pub fn command() -> clap::Command {
     let tools = TOOLS.map(|(name, about)| clap::Command::new(name).about(about));
-    with_exit_status(Cli::command()).mut_subcommands(with_exit_status).subcommands(tools)
+    with_exit_status(Command::command()).mut_subcommands(with_exit_status).subcommands(tools)
 }
 
 pub fn with_exit_status(command: clap::Command) -> clap::Command {

@@ -9,8 +9,6 @@ const STEPS_PER_PX: f32 = 32.0;
 /// Largest coordinate, steps: 32,768 pixels.
 const MOST_STEPS: i32 = 1 << 20;
 const COORDINATES: usize = 3 * LANDMARKS;
-/// Most bytes of a 32-bit number in LEB128.
-const MAX_NUMBER_BYTES: usize = 5;
 /// Most bytes of a frame, rounded up.
 pub(super) const MAX_FRAME_BYTES: usize = 8192;
 
@@ -54,8 +52,8 @@ impl Recorded {
         let Some(landmarks) = &self.landmarks else { return };
         for (value, before) in landmarks.0.as_flattened().iter().zip(before) {
             let steps = ((value * STEPS_PER_PX).round() as i32).clamp(-MOST_STEPS, MOST_STEPS);
-            // Postcard writes numbers as zigzag and LEB128.
-            let mut number = [0; MAX_NUMBER_BYTES];
+            // Postcard writes numbers as zigzag and LEB128, which take 5 bytes at most.
+            let mut number = [0; 5];
             let number = postcard::to_slice(&(steps - *before), &mut number);
             bytes.extend_from_slice(number.unwrap_or_default());
             *before = steps;

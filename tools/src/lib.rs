@@ -10,23 +10,18 @@ mod servo;
 mod track;
 
 use std::ffi::OsString;
+use std::io;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use facewire::cli::{Failure, TOOLS, with_exit_status};
 
 /// Track, record, replay, measure and monitor, and the ends of servos.
 #[derive(Debug, Parser)]
 #[command(name = "facewire", bin_name = "facewire", version)]
-struct Tools {
-    #[command(subcommand)]
-    command: Command,
-}
-
 // `TOOLS` says what they do, because the service lists these commands in its help, too.
-#[derive(Debug, Subcommand)]
 enum Command {
     Track(track::TrackArgs),
     Record(record::RecordArgs),
@@ -39,15 +34,14 @@ enum Command {
 /// The definitions of all arguments, from which `examples/manual.rs` makes the manual pages and the shell completions.
 pub fn command() -> clap::Command {
     let describe = |tools: clap::Command, (name, about)| tools.mut_subcommand(name, |tool| tool.about(about));
-    TOOLS.into_iter().fold(with_exit_status(Tools::command()).mut_subcommands(with_exit_status), describe)
+    TOOLS.into_iter().fold(with_exit_status(Command::command()).mut_subcommands(with_exit_status), describe)
 }
 
 /// Runs the command that these arguments name, after the name of the program. Prints its failure on standard error, and
 /// returns the exit status. Ends the process if the arguments are invalid or ask for help.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let matches = command().get_matches_from(arguments);
-    let tools = Tools::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let outcome = match tools.command {
+    let outcome = match Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()) {
         Command::Track(args) => track::run(&args),
         Command::Record(args) => record::run(&args),
         Command::Replay(args) => replay::run(&args),
@@ -66,6 +60,15 @@ fn stopped_by(signals: &[i32]) -> Result<Arc<AtomicBool>, Failure> {
         registered.map_err(|error| Failure::failed(format!("the system refused a signal handler: {error}")))?;
     }
     Ok(stop)
+}
+
+/// Restores the terminal when it is dropped. A terminal that has gone cannot be restored.
+struct Restore(fn() -> io::Result<()>);
+
+impl Drop for Restore {
+    fn drop(&mut self) {
+        let _ = (self.0)();
+    }
 }
 
 #[cfg(test)]

@@ -21,15 +21,12 @@ use serde::{Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use self::receiver::Receive;
-use self::screen::Screen;
 use crate::stopped_by;
 use facewire::cli::{Failure, STANDARD_OUTPUT, print};
 use facewire::service::Histogram;
 
 /// Time between two pictures. 30 pictures per second look smooth, and more would only load the board.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
-/// A socket takes no time-out of zero.
-const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 /// The values of `--seconds`, up to a year.
 const SECONDS: RangeInclusive<f64> = 0.001..=31_536_000.0;
@@ -110,7 +107,7 @@ fn watch(args: &MonitorArgs, receive: &mut Receive, stop: &AtomicBool, tally: &m
     let unwritten = |error: io::Error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error);
     let listen = args.input();
     let is_screen = !args.json && io::stdout().is_terminal();
-    let mut screen = is_screen.then(Screen::enter).transpose().map_err(unwritten)?;
+    let _restore = is_screen.then(screen::enter).transpose().map_err(unwritten)?;
     let begin = Instant::now();
     let end = args.seconds.map(|seconds| begin + seconds);
     let mut shown = begin;
@@ -119,7 +116,8 @@ fn watch(args: &MonitorArgs, receive: &mut Receive, stop: &AtomicBool, tally: &m
         && end.is_none_or(|end| Instant::now() < end)
     {
         let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
-        match receive(left.clamp(SHORTEST_WAIT, SCREEN_PERIOD))? {
+        // A socket takes no time-out of zero.
+        match receive(left.clamp(Duration::from_millis(1), SCREEN_PERIOD))? {
             Some(Ok((packet, from))) => {
                 tally.count(&packet, from, Instant::now());
                 if args.json {
@@ -131,9 +129,10 @@ fn watch(args: &MonitorArgs, receive: &mut Receive, stop: &AtomicBool, tally: &m
         }
         if !args.json && shown.elapsed() >= if is_screen { SCREEN_PERIOD } else { LINE_PERIOD } {
             shown = Instant::now();
-            let written = match &mut screen {
-                Some(screen) => screen.draw(&listen, tally, shown),
-                None => writeln!(io::stdout(), "{}", line(&listen, tally, shown)),
+            let written = if is_screen {
+                screen::draw(&listen, tally, shown)
+            } else {
+                writeln!(io::stdout(), "{}", line(&listen, tally, shown))
             };
             written.map_err(unwritten)?;
         }

@@ -5,7 +5,7 @@
 
 mod finder;
 
-use std::io::{self, IsTerminal as _, Read as _, Stdout, Write as _};
+use std::io::{self, IsTerminal as _, Read as _, Write as _};
 use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -19,7 +19,7 @@ use serialport::{ClearBuffer, SerialPort as _};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use self::finder::Finder;
-use crate::stopped_by;
+use crate::{Restore, stopped_by};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
 use facewire::config::{AutoDevice, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
 use facewire::link::maestro::{ANSWER_BYTES, Code, Protocol, SILENCE, data, speed, target};
@@ -118,11 +118,13 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
     let mut set_pulse = open(&kind, args.channel)?;
     let mut finder = Finder::new(args.start, args.step);
     let mut move_by_keys = || -> Result<(), Failure> {
-        let mut terminal = Terminal::enter()?;
-        terminal
-            .write("left/right, down/up: move   0, 1, n: take as an end or as neutral   space: pulses   q: end\r\n")?;
+        let _restore = Restore(|| execute!(io::stdout(), Print("\r\n"), cursor::Show).and(disable_raw_mode()));
+        enable_raw_mode().and_then(|()| execute!(io::stdout(), cursor::Hide)).map_err(gone)?;
+        // What was on the line behind the text is cleared.
+        let write = |text: &str| execute!(io::stdout(), Print(text), Clear(ClearType::UntilNewLine)).map_err(gone);
+        write("left/right, down/up: move   0, 1, n: take as an end or as neutral   space: pulses   q: end\r\n")?;
         while !stop.load(Relaxed) {
-            terminal.write(&format!("\r{}", finder.status()))?;
+            write(&format!("\r{}", finder.status()))?;
             match key()? {
                 Some(key) if is_end(key) => break,
                 key => drop(key.map(|key| finder.press(key.code))),
@@ -179,31 +181,6 @@ fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Fai
     };
     command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
     Ok(Box::new(move |pulse_us| command(Code::SetTarget, target(pulse_us))))
-}
-
-/// A terminal that gives single keys. It is restored when this is dropped.
-struct Terminal(Stdout);
-
-impl Terminal {
-    fn enter() -> Result<Self, Failure> {
-        let mut terminal = Self(io::stdout());
-        enable_raw_mode().and_then(|()| execute!(terminal.0, cursor::Hide)).map_err(gone)?;
-        Ok(terminal)
-    }
-
-    /// Writes text, and clears what was on its line behind it.
-    fn write(&mut self, text: &str) -> Result<(), Failure> {
-        execute!(self.0, Print(text), Clear(ClearType::UntilNewLine)).map_err(gone)
-    }
-}
-
-impl Drop for Terminal {
-    fn drop(&mut self) {
-        // A terminal that has gone cannot be restored.
-        let _ = execute!(self.0, Print("\r\n"), cursor::Show);
-        let _ = disable_raw_mode();
-        let _ = self.0.flush();
-    }
 }
 
 fn gone(error: io::Error) -> Failure {

@@ -1,6 +1,6 @@
 //! The terminal screen with a bar for each coefficient, drawn in eighths of a character.
 
-use std::io::{self, Stdout, Write as _};
+use std::io::{self, Write as _};
 use std::time::Instant;
 
 use crossterm::style::{Color, Print, Stylize as _};
@@ -13,6 +13,7 @@ use facewire_face::yaw_pitch_roll_deg;
 use facewire_packet::{BLENDSHAPES, Packet, State};
 
 use super::{Tally, state};
+use crate::Restore;
 
 /// Space at the left edge, between the two columns, and between the slots of the left and the right side of a row.
 const GAP: usize = 1;
@@ -52,34 +53,22 @@ const ROWS: [[&str; 2]; 19] = [
     ["cheekPuff", "mouthShrugLower"],
 ];
 
-/// The terminal in full-screen mode. It is restored when this is dropped.
-pub struct Screen(Stdout);
-
-impl Screen {
-    pub fn enter() -> io::Result<Self> {
-        let mut out = io::stdout();
-        execute!(out, EnterAlternateScreen, cursor::Hide, DisableLineWrap, Clear(ClearType::All))?;
-        Ok(Self(out))
-    }
-
-    pub fn draw(&mut self, listen: &str, tally: &Tally, now: Instant) -> io::Result<()> {
-        let (width, height) = crossterm::terminal::size()?;
-        queue!(self.0, BeginSynchronizedUpdate)?;
-        for (y, line) in (0..height).zip(picture(listen, tally, now, width.into())) {
-            // The line is cleared first: after a full line, clearing would erase its last character.
-            queue!(self.0, cursor::MoveTo(0, y), Clear(ClearType::UntilNewLine))?;
-            queue!(self.0, Print(" ".repeat(GAP)), Print(line))?;
-        }
-        queue!(self.0, EndSynchronizedUpdate)?;
-        self.0.flush()
-    }
+/// Takes the whole terminal until what is returned is dropped.
+pub fn enter() -> io::Result<Restore> {
+    let restore = Restore(|| execute!(io::stdout(), EnableLineWrap, cursor::Show, LeaveAlternateScreen));
+    execute!(io::stdout(), EnterAlternateScreen, cursor::Hide, DisableLineWrap, Clear(ClearType::All))?;
+    Ok(restore)
 }
 
-impl Drop for Screen {
-    fn drop(&mut self) {
-        // A terminal that has gone cannot be restored.
-        let _ = execute!(self.0, EnableLineWrap, cursor::Show, LeaveAlternateScreen);
+pub fn draw(listen: &str, tally: &Tally, now: Instant) -> io::Result<()> {
+    let (mut out, (width, height)) = (io::stdout(), crossterm::terminal::size()?);
+    queue!(out, BeginSynchronizedUpdate)?;
+    for (y, line) in (0..height).zip(picture(listen, tally, now, width.into())) {
+        // The line is cleared first: after a full line, clearing would erase its last character.
+        queue!(out, cursor::MoveTo(0, y), Clear(ClearType::UntilNewLine), Print(" ".repeat(GAP)), Print(line))?;
     }
+    queue!(out, EndSynchronizedUpdate)?;
+    out.flush()
 }
 
 /// Returns all lines from the top, with colours.

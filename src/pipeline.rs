@@ -229,15 +229,20 @@ mod tests {
 
     use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};
-    use facewire_face::{Neutral, Picture, Pixels};
+    use facewire_face::{Landmarks, Picture, Pixels};
 
     use super::*;
 
     const SIDE: usize = 192;
     const FAILING: usize = 1000;
 
+    fn scripted() -> Landmarks {
+        face([0.0; 3], 60.0, [96.0, 80.0])
+    }
+
     /// A pipeline whose detector finds something that is no face in its first `wrong` runs, and a face later; and how
-    /// often it ran. The networks fail while the number of runs is set to [`FAILING`].
+    /// often it ran. The networks fail while the number of runs is set to [`FAILING`]. The neutral face is the scripted
+    /// one: it has few points, so only displacements from itself are sensible.
     fn pipeline(wrong: usize) -> (Pipeline, Arc<AtomicUsize>) {
         let runs = Arc::new(AtomicUsize::new(0));
         let counted = Arc::clone(&runs);
@@ -248,51 +253,44 @@ mod tests {
             if run.network == "detector" {
                 counted.fetch_add(1, Relaxed);
             }
-            let mut shown = face([0.0; 3], 60.0, [96.0, 80.0]);
+            let mut shown = scripted();
             if counted.load(Relaxed) <= wrong {
                 shown.0.reverse();
             }
             show(&mut run, &shown);
             Ok(())
         });
-        let solver = load_solver(&Settings::default()).unwrap();
+        let mut solver = load_solver(&Settings::default()).unwrap();
+        let mut mean = FaceMean::default();
+        mean.add(&normalise(&scripted()).unwrap());
+        solver.profile.neutral = Some(mean.neutral().unwrap());
         let tracker = Some(Tracker::load(&engine).unwrap());
         (Pipeline { tracker, solver, horizontal_fov_deg: 60.0 }, runs)
     }
 
-    fn frame(data: &[u8], number: u64) -> Frame<'_> {
-        let picture = Picture::new(SIDE, SIDE, Pixels::Grey { data, stride: SIDE }, true).unwrap();
-        Frame { content: Content::Picture(picture), captured_us: 33_333 * number, number }
+    fn frame(number: u64) -> Frame<'static> {
+        let pixels = Pixels::Grey { data: &[128; SIDE * SIDE], stride: SIDE };
+        let content = Content::Picture(Picture::new(SIDE, SIDE, pixels, true).unwrap());
+        Frame { content, captured_us: 33_333 * number, number }
     }
 
     #[test]
     fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
-        let data = vec![128; SIDE * SIDE];
         let (mut pipeline, detector_runs) = pipeline(1);
-        pipeline.solver.profile.neutral = Some(neutral(&frame(&data, 0)));
-        assert!(matches!(pipeline.process(&frame(&data, 0)).solved, Err(Rejected::Unsolved)));
-        assert!((1..3).all(|number| pipeline.process(&frame(&data, number)).solved.is_ok()));
+        assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved)));
+        assert!((1..3).all(|number| pipeline.process(&frame(number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
     }
 
     /// The backbone has written new landmarks then, and a head that fails has not refined them.
     #[test]
     fn after_a_failed_inference_a_calibration_sees_no_face() {
-        let data = vec![128; SIDE * SIDE];
-        let frame = frame(&data, 0);
         let (mut pipeline, runs) = pipeline(0);
-        pipeline.solver.profile.neutral = Some(neutral(&frame));
-        assert!(pipeline.process(&frame).observe(false).sight.is_ok());
+        assert!(pipeline.process(&frame(0)).observe(false).sight.is_ok());
         runs.store(FAILING, Relaxed);
+        let frame = frame(0);
         let failed = pipeline.process(&frame);
         assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
         assert!(failed.observe(false).sight == Err(Refusal::NoFace) && failed.record().landmarks.is_none());
-    }
-
-    /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.
-    fn neutral(frame: &Frame) -> Neutral {
-        let mut mean = FaceMean::default();
-        mean.add(&normalise(pipeline(0).0.find(frame).unwrap().unwrap().landmarks).unwrap());
-        mean.neutral().unwrap()
     }
 }

@@ -244,36 +244,26 @@ impl Pose {
 
     /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head likewise.
     pub(crate) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
-        let mut coefficients = target.coefficients;
-        for (value, from) in coefficients.iter_mut().zip(self.coefficients) {
+        let share = |way: f32, limit: f32| part.min(limit / way);
+        let mut moved = *target;
+        for (value, from) in moved.coefficients.iter_mut().zip(self.coefficients) {
             let way = *value - from;
-            if part < 1.0 || way.abs() > limit {
-                *value = from + (way * part).clamp(-limit, limit);
+            let share = share(way.abs(), limit);
+            if share < 1.0 {
+                *value = from + way * share;
             }
         }
-        Self {
-            rotation: turned(self.rotation, target.rotation, part, limit * RADIANS_PER_UNIT),
-            position_mm: moved(self.position_mm, target.position_mm, part, limit * MM_PER_UNIT),
-            coefficients,
-            neutral_face: target.neutral_face,
+        let [from, to] = [self, target].map(|pose| UnitQuaternion::new_normalize(Quaternion::from(pose.rotation)));
+        let turn = from.rotation_to(&to);
+        let turned = share(turn.angle(), limit * RADIANS_PER_UNIT);
+        if turned < 1.0 {
+            moved.rotation = (turn.powf(turned) * from).coords.into();
         }
+        let [from, to] = [self, target].map(|pose| Vector3::from(pose.position_mm));
+        let gone = share((to - from).norm(), limit * MM_PER_UNIT);
+        if gone < 1.0 {
+            moved.position_mm = (from + (to - from) * gone).into();
+        }
+        moved
     }
-}
-
-fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
-    let unit = |rotation| UnitQuaternion::new_normalize(Quaternion::from(rotation));
-    let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else { return to };
-    if part >= 1.0 && angle <= limit_rad {
-        return to;
-    }
-    let step = UnitQuaternion::from_axis_angle(&axis, (angle * part).min(limit_rad));
-    (step * unit(from)).coords.into()
-}
-
-fn moved(from: [f32; 3], to: [f32; 3], part: f32, limit_mm: f32) -> [f32; 3] {
-    let way = Vector3::from(to) - Vector3::from(from);
-    if part >= 1.0 && way.norm() <= limit_mm {
-        return to;
-    }
-    (Vector3::from(from) + (way * part).cap_magnitude(limit_mm)).into()
 }

@@ -13,12 +13,11 @@ use triple_buffer::Input;
 
 use super::adaptation::Load;
 use super::camera::{self, OpenCamera};
-use super::counters::Counters;
+use super::counters::{Counters, OPEN_US, WORK_US, wait_us};
 use super::failsafe::News;
 use super::observer::Observer;
 use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
-use super::watchdog::{OPEN_US, WORK_US, wait_us};
 use super::{Loader, ServiceError};
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};

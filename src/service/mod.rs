@@ -17,7 +17,6 @@ mod reload;
 mod sender;
 mod supervisor;
 mod timing;
-mod watchdog;
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,7 +38,7 @@ pub use timing::Histogram;
 
 use self::control::Server;
 use self::control::client::socket_path;
-use self::counters::Counters;
+use self::counters::{Counters, OPEN_US};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
@@ -97,7 +96,7 @@ pub fn run(
     let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
     let ((loads, load), (refusals, refusal)) = (triple_buffer(&None), triple_buffer(&None));
     let (events, heard) = mpsc::channel();
-    counters.heartbeats.hot(watchdog::OPEN_US, monotonic_us());
+    counters.heartbeats.hot(OPEN_US, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
     let shared = Arc::clone(&counters);

@@ -160,14 +160,13 @@ impl Samples {
 
     /// The median, as if the samples of each class were spread evenly over it.
     fn median_roughness(&self) -> f32 {
-        let half = self.roughnesses.iter().map(|count| f32::from(*count)).sum::<f32>() / 2.0;
-        let mut below = 0.0;
+        let mut left = self.roughnesses.iter().map(|count| f32::from(*count)).sum::<f32>() / 2.0;
         for (roughness, count) in self.roughnesses.iter().enumerate() {
             let count = f32::from(*count);
-            if below + count >= half {
-                return (roughness as f32 - 0.5 + (half - below) / count.max(1.0)).max(0.0);
+            if count >= left {
+                return (roughness as f32 - 0.5 + left / count.max(1.0)).max(0.0);
             }
-            below += count;
+            left -= count;
         }
         0.0
     }

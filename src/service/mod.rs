@@ -36,6 +36,7 @@ pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
+use self::adaptation::Adaptation;
 use self::control::Server;
 use self::control::client::socket_path;
 use self::counters::{Counters, OPEN_US};
@@ -43,7 +44,7 @@ use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender};
-use self::supervisor::Supervisor;
+use self::supervisor::{Log, Supervisor};
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
@@ -132,7 +133,8 @@ pub fn run(
         loader,
         preparing: None,
     };
-    let mut supervisor = Supervisor::new(Arc::clone(&counters), heard, load, refusal, reloader);
+    let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
+    let mut supervisor = Supervisor { counters: shared, events: heard, load, refusal, reloader, adaptation, log };
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender, hot);

@@ -25,52 +25,39 @@ const STATUS_PERIOD: Duration = Duration::from_secs(10);
 const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
 pub(super) struct Supervisor {
-    counters: Arc<Counters>,
-    events: Receiver<Event>,
-    load: Output<Option<Load>>,
-    refusal: Output<Option<(usize, i32)>>,
-    reloader: Reloader,
-    /// The period of the service manager's watchdog, if it has asked for pings, and when it got the last one.
-    watchdog: Option<(Duration, Instant)>,
-    adaptation: Adaptation,
-    log: Log,
-    hardware: Hardware,
+    pub(super) counters: Arc<Counters>,
+    pub(super) events: Receiver<Event>,
+    pub(super) load: Output<Option<Load>>,
+    pub(super) refusal: Output<Option<(usize, i32)>>,
+    pub(super) reloader: Reloader,
+    pub(super) adaptation: Adaptation,
+    pub(super) log: Log,
 }
 
 impl Supervisor {
-    pub(super) fn new(
-        counters: Arc<Counters>,
-        events: Receiver<Event>,
-        load: Output<Option<Load>>,
-        refusal: Output<Option<(usize, i32)>>,
-        reloader: Reloader,
-    ) -> Self {
-        let watchdog = sd_notify::watchdog_enabled().map(|period| (period, Instant::now()));
-        let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
-        let camera = "blind, because no camera has been opened yet".to_owned();
-        let log = Log { camera, is_blind: true, last_status: Some((Instant::now(), 0)), ..Log::default() };
-        let adaptation = Adaptation::default();
-        Self { counters, events, load, refusal, reloader, watchdog, adaptation, log, hardware }
-    }
-
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
         tracing::info!("board {}", Machine::detect(&hardware::root()).tell(self.reloader.live.board));
+        let mut hardware = Hardware::new(hardware::root(), self.reloader.live.hardware.clone());
+        let watchdog = sd_notify::watchdog_enabled();
+        let mut pinged_at = Instant::now();
+        (self.log.camera, self.log.last_status) =
+            ("blind, because no camera has been opened yet".to_owned(), Some((Instant::now(), 0)));
         self.lock_memory();
         notify(NotifyState::Ready);
         while !self.counters.stopping() && all_run() {
             self.receive();
             self.reload();
             let now_us = monotonic_us();
-            if let Some((period, pinged_at)) = &mut self.watchdog
+            // The manager is pinged twice in each period of its watchdog.
+            if watchdog.is_some_and(|period| pinged_at.elapsed() >= period / 2)
                 && self.counters.heartbeats.are_alive(now_us)
-                && pinged_at.elapsed() >= *period / 2
             {
-                *pinged_at = Instant::now();
+                pinged_at = Instant::now();
                 notify(NotifyState::Watchdog);
             }
             // A rehearsal may set other impairments.
-            if let Some(found) = self.hardware.poll(&self.reloader.live.hardware, now_us) {
+            if let Some(found) = hardware.poll(&self.reloader.live.hardware, now_us) {
                 self.counters.impairments.set_all(Hardware::FINDS, found);
             }
             self.adapt(now_us);
@@ -161,10 +148,10 @@ impl Supervisor {
 }
 
 #[derive(Default)]
-struct Log {
+pub(super) struct Log {
     /// Which camera is open, or why there are no pictures.
     camera: String,
-    is_blind: bool,
+    is_open: bool,
     blind_reasons: LoggedReasons,
     refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
@@ -181,7 +168,7 @@ impl Log {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
-                (self.camera, self.is_blind) = (format!("camera opened: {camera}"), false);
+                (self.camera, self.is_open) = (format!("camera opened: {camera}"), true);
                 tracing::info!("{}", self.camera);
                 self.blind_reasons.clear();
             }
@@ -189,7 +176,7 @@ impl Log {
                 if self.blind_reasons.is_new(&reason) {
                     tracing::warn!("{what}: {reason}; trying again");
                 }
-                (self.camera, self.is_blind) = (format!("blind, because {reason}"), true);
+                (self.camera, self.is_open) = (format!("blind, because {reason}"), false);
             }
             Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
             Event::EngineReloaded => tracing::info!("networks loaded again"),
@@ -257,13 +244,13 @@ impl Log {
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");
         let grants = if grants.is_empty() { grants } else { format!("; real time: {grants}") };
-        if self.is_blind {
-            let line = format!("{}: {status}{grants}", self.camera);
-            tracing::warn!("{line}");
+        if self.is_open {
+            let line = format!("fps={fps:.1} {status}{grants}");
+            tracing::info!("{line}");
             return line;
         }
-        let line = format!("fps={fps:.1} {status}{grants}");
-        tracing::info!("{line}");
+        let line = format!("{}: {status}{grants}", self.camera);
+        tracing::warn!("{line}");
         line
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! Limits: one chunk header and one frame are in memory, and the size of a frame is bounded by that of the picture.
 
-use std::io::{self, ErrorKind, Read};
+use std::io::{self, ErrorKind, Read, Seek};
 use std::mem::take;
 
 use super::jpeg::JpegDecoder;
@@ -31,34 +31,28 @@ pub struct AviSource<R> {
     /// Number of frames that were read, damaged and dropped ones among them.
     read: u64,
     ended: bool,
+    /// How a film that is repeated for ever begins again. Numbers and times continue to grow.
+    rewind: Option<fn(&mut R) -> io::Result<()>>,
 }
 
 impl<R: Read> AviSource<R> {
     /// Reads the header. `origin` names the source to the operator. A film that states no rate has the given one.
     pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
-        let mut riff = Riff::new(reader);
+        let mut riff = Riff { reader, offset: 0, end: None, has_padding: false };
         let (stream, size, stated) = riff.read_header()?;
         let ([width, height], rate, origin) = (size, stated.unwrap_or(rate), origin.to_owned());
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
-        Ok(Self { riff, origin, stream, size, rate, decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
+        let (jpeg_bytes, read, ended, rewind) = (0, 0, false, None);
+        Ok(Self { riff, origin, stream, size, rate, decoder, jpeg, jpeg_bytes, read, ended, rewind })
     }
 
-    /// Continues with the same film from its beginning. Numbers and times continue to grow.
-    pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
-        self.riff = Riff::new(reader);
-        self.ended = false;
-        self.riff.read_header().map(|_| ())
-    }
-
-    /// Decodes the frame behind which [`Source::skip`] has put the reader.
-    pub(super) fn decoded(&mut self) -> Result<Frame<'_>, CaptureError> {
-        let number = self.read.saturating_sub(1);
-        let bad = |fault| CaptureError::Frame { number, fault };
-        let jpeg = self.jpeg.get(..self.jpeg_bytes).ok_or(bad(FrameFault::TooLarge))?;
-        self.decoder.decode(jpeg).map_err(bad)?;
-        let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
-        Ok(Frame { content: Content::Picture(picture), captured_us: self.rate.stamp_us(number), number })
+    /// Makes the film begin again at its end, for ever.
+    pub(super) fn repeated(self) -> Self
+    where
+        R: Seek,
+    {
+        Self { rewind: Some(R::rewind), ..self }
     }
 
     /// Reads the next frame that was not dropped into `self.jpeg`. Returns `false` at the end.
@@ -92,14 +86,28 @@ impl<R: Read> AviSource<R> {
 
 impl<R: Read> Source for AviSource<R> {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.skip()? { self.decoded().map(Some) } else { Ok(None) }
+        if !self.skip()? {
+            return Ok(None);
+        }
+        let number = self.read.saturating_sub(1);
+        let bad = |fault| CaptureError::Frame { number, fault };
+        let jpeg = self.jpeg.get(..self.jpeg_bytes).ok_or(bad(FrameFault::TooLarge))?;
+        self.decoder.decode(jpeg).map_err(bad)?;
+        let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
+        Ok(Some(Frame { content: Content::Picture(picture), captured_us: self.rate.stamp_us(number), number }))
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {
         if self.ended {
             return Ok(false);
         }
-        let found = self.read_frame();
+        let mut found = self.read_frame();
+        if let (Ok(false), Some(rewind)) = (&found, self.rewind) {
+            rewind(&mut self.riff.reader)?;
+            (self.riff.offset, self.riff.end, self.riff.has_padding) = (0, None, false);
+            self.riff.read_header()?;
+            found = self.read_frame();
+        }
         self.ended = !matches!(found, Ok(true));
         found.map_err(|error| CaptureError::cut_short(error, self.read, self.riff.offset))
     }
@@ -133,10 +141,6 @@ impl<R: Read> Read for Riff<R> {
 }
 
 impl<R: Read> Riff<R> {
-    fn new(reader: R) -> Self {
-        Self { reader, offset: 0, end: None, has_padding: false }
-    }
-
     /// Reads the header, up to the first frame. Returns the number of the first video stream, the size of its pictures and its
     /// rate. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
     fn read_header(&mut self) -> Result<(u8, [usize; 2], Option<FrameRate>), CaptureError> {

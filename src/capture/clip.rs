@@ -2,23 +2,16 @@
 
 use std::env;
 use std::fs::File;
-use std::io::{Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use super::{AviSource, CaptureError, Description, Frame, FrameRate, Source};
+use super::{AviSource, CaptureError, FrameRate};
 
 /// The name of the built-in clip, in place of a file or a camera.
 pub const DEMO: &str = "demo";
 const VARIABLE: &str = "FACEWIRE_DEMO";
 const INSTALLED: &str = "/usr/share/facewire/demo.avi";
 
-#[derive(Debug)]
-pub struct Clip {
-    file: Arc<File>,
-    film: AviSource<Arc<File>>,
-    looped: bool,
-}
+pub type Clip = AviSource<File>;
 
 /// Returns the path of the clip: beside the program, in the checkout in which it was built, or where a package puts it.
 fn path() -> PathBuf {
@@ -39,34 +32,12 @@ impl Clip {
     pub fn once() -> Result<Self, CaptureError> {
         let path = path();
         let refused = |error| CaptureError::unopened(&path.display().to_string(), &error);
-        let file = Arc::new(File::open(&path).map_err(refused)?);
-        Ok(Self { film: AviSource::open(Arc::clone(&file), DEMO, FrameRate::FPS_30)?, file, looped: false })
+        Self::open(File::open(&path).map_err(refused)?, DEMO, FrameRate::FPS_30)
     }
 
     /// Opens the clip, to be repeated for ever. Frame numbers and times continue to grow.
     pub fn looped() -> Result<Self, CaptureError> {
-        Ok(Self { looped: true, ..Self::once()? })
-    }
-}
-
-impl Source for Clip {
-    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.skip()? { self.film.decoded().map(Some) } else { Ok(None) }
-    }
-
-    fn skip(&mut self) -> Result<bool, CaptureError> {
-        if self.film.skip()? {
-            return Ok(true);
-        }
-        if self.looped {
-            self.file.seek(SeekFrom::Start(0)).map_err(CaptureError::Read)?;
-            self.film.rewind(Arc::clone(&self.file))?;
-        }
-        self.film.skip()
-    }
-
-    fn describe(&self) -> Description<'_> {
-        self.film.describe()
+        Self::once().map(Self::repeated)
     }
 }
 
@@ -74,6 +45,7 @@ impl Source for Clip {
 mod tests {
     use facewire_face::Pixels;
 
+    use super::super::{Frame, Source as _};
     use super::*;
 
     #[test]

@@ -103,18 +103,11 @@ pub(super) fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], F
     usize::try_from(meta.bytesused).ok().and_then(|used| bytes.get(..used)).ok_or(FrameFault::Incomplete)
 }
 
-/// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
-/// clamped to `now_us`.
-pub(super) fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
-    if !is_monotonic(meta) {
-        return now_us;
-    }
+/// Returns the driver's timestamp if it uses the monotonic clock. One in the future is clamped to `now_us`.
+pub(super) fn captured_us(meta: &Metadata, now_us: u64) -> Option<u64> {
     let [seconds, micros] = [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
-    seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us)
-}
-
-pub(super) fn is_monotonic(meta: &Metadata) -> bool {
-    meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC
+    let is_monotonic = meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC;
+    is_monotonic.then(|| seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us))
 }
 
 #[cfg(test)]
@@ -134,10 +127,10 @@ mod tests {
         assert_eq!(shown(Flags::empty(), 101), Err(FrameFault::Incomplete));
         assert_eq!(shown(Flags::ERROR, 60), Err(FrameFault::Marked));
         for (flags, now_us, expected_us) in [
-            (Flags::TIMESTAMP_MONOTONIC, 3_000_000, 2_000_500),
-            (Flags::TIMESTAMP_MONOTONIC, 1_000_000, 1_000_000),
-            (Flags::TIMESTAMP_COPY, 3_000_000, 3_000_000),
-            (Flags::TIMESTAMP_UNKNOWN, 3_000_000, 3_000_000),
+            (Flags::TIMESTAMP_MONOTONIC, 3_000_000, Some(2_000_500)),
+            (Flags::TIMESTAMP_MONOTONIC, 1_000_000, Some(1_000_000)),
+            (Flags::TIMESTAMP_COPY, 3_000_000, None),
+            (Flags::TIMESTAMP_UNKNOWN, 3_000_000, None),
         ] {
             assert_eq!(captured_us(&meta(flags, 0), now_us), expected_us, "{flags:?}");
         }

@@ -5,12 +5,10 @@ pub const MAX_SIDE_PX: usize = 4096;
 
 /// A borrowed picture, whose samples [`Picture::new`] has checked to be complete.
 #[derive(Debug, Clone, Copy)]
+#[allow(missing_docs, reason = "the names and types say it")]
 pub struct Picture<'a> {
-    /// Pixels per row.
     pub width: usize,
-    /// Rows.
     pub height: usize,
-    /// The samples.
     pub pixels: Pixels<'a>,
     /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
     pub full_range: bool,

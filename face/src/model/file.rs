@@ -206,13 +206,14 @@ impl ModelFile {
         Ok(Model { appearance, correction, ..Model::of(self.regression()?) })
     }
 
-    fn regression(&self) -> Result<Regression, ModelError> {
+    pub(super) fn regression(&self) -> Result<Regression, ModelError> {
         let has_formulas_alone = self.offsets.is_none() && self.inputs.is_empty() && self.blendshapes.is_empty();
         match (&self.offsets, &self.formulas) {
             (Some(offsets), None) => self.hidden_layer(offsets).map(Regression::HiddenLayer),
-            (None, Some(formulas)) if has_formulas_alone => {
-                FormulaSetTable::to_sets(formulas).map(Regression::Formulas)
-            }
+            (None, Some(formulas)) if has_formulas_alone => Ok(Regression::Formulas(Cases {
+                neutral_known: formulas.neutral_known.to_set("formulas.neutral_known")?,
+                neutral_unknown: formulas.neutral_unknown.to_set("formulas.neutral_unknown")?,
+            })),
             _ => Err(invalid("the content", "is not either offsets with inputs and blendshapes, or formulas")),
         }
     }
@@ -351,7 +352,7 @@ pub(super) fn finite(entry: &str, number: f64) -> Result<f32, ModelError> {
 
 #[cfg(test)]
 #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::float_cmp)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
@@ -410,59 +411,53 @@ mod tests {
         assert_eq!(Model::load(&path).expect("the shipped model is sound"), Model::embedded());
     }
 
+    /// The error of a file in which the value at a path is another one, or is missing if `value` is empty.
+    pub(in crate::model) fn altered(file: &ModelFile, path: &str, value: &str) -> String {
+        let mut content = toml::Table::try_from(file).expect("TOML");
+        let (folder, name) = path.rsplit_once('.').unwrap_or(("", path));
+        let folders = folder.split('.').filter(|name| !name.is_empty());
+        let table = folders.fold(&mut content, |table, name| table[name].as_table_mut().expect("a table"));
+        table.remove(name);
+        if !value.is_empty() {
+            table.insert(name.to_owned(), value.parse().expect("a value"));
+        }
+        content.try_into::<ModelFile>().expect("a file").to_model().map(drop).expect_err(path).to_string()
+    }
+
     #[test]
     fn faults_name_the_entry_in_one_line() {
-        type Fault = (&'static str, fn(&mut ModelFile));
-        fn appearance(file: &mut ModelFile) -> &mut AppearanceTable {
-            file.appearance.as_mut().expect("a layer")
-        }
-        fn jaw(file: &mut ModelFile) -> &mut BlendshapeTable {
-            file.blendshapes.entry("jawOpen".to_owned()).or_default()
-        }
-        fn many(file: &mut ModelFile) {
-            let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));
-            file.inputs.extend(names.map(|name| (name, InputTable::default())));
-        }
-        fn input(file: &mut ModelFile, name: &str, weights: Vec<f64>) {
-            file.inputs.insert(name.to_owned(), InputTable { neutral: 0.0, weights });
-        }
-        fn terms(file: &mut ModelFile, lift: f32, response: [f32; 2]) {
-            file.correction.insert("jawOpen".to_owned(), CorrectiveTerms { lift, response, ..CorrectiveTerms::NONE });
-        }
-        let faults: [Fault; 21] = [
-            ("blendshapes.jawOpen of", |file| _ = file.blendshapes.remove("jawOpen")),
-            ("\"jawOpened\"", |file| _ = file.blendshapes.insert("jawOpened".to_owned(), BlendshapeTable::default())),
-            ("blendshapes.jawOpen", |file| jaw(file).offset = f64::NAN),
-            ("blendshapes.jawOpen", |file| jaw(file).weights = vec![1e300]),
-            ("blendshapes.jawOpen", |file| jaw(file).weights = vec![0.0; MAX_HIDDEN + 1]),
-            ("inputs.y14", |file| input(file, "y14", vec![f64::INFINITY])),
-            ("inputs", many),
-            (r#""line\n\u{1b}end" in inputs"#, |file| input(file, "line\n\u{1b}end", vec![f64::NAN])),
-            ("offsets.neutral_known", |file| {
-                file.offsets.get_or_insert_default().neutral_known = vec![0.0; MAX_HIDDEN + 1];
-            }),
-            ("either offsets", |file| file.offsets = None),
-            ("either offsets", |file| file.formulas = Some(Cases::default())),
-            ("either offsets", |file| (file.offsets, file.formulas) = (None, Some(Cases::default()))),
-            ("correction.jawOpen", |file| terms(file, -0.2, [0.4, 0.8])),
-            ("correction.jawOpen", |file| terms(file, 0.2, [0.8, 0.8])),
-            ("correction.jawOpen", |file| terms(file, f32::NAN, [0.4, 0.8])),
-            ("appearance.landmarks.13 of", |file| _ = appearance(file).landmarks.remove("13")),
-            ("\"12\" in appearance.landmarks", |file| {
-                appearance(file).landmarks.insert("12".to_owned(), String::new());
-            }),
-            ("appearance.landmarks.13 of", |file| {
-                appearance(file).landmarks.insert("13".to_owned(), "AAAA".to_owned());
-            }),
-            ("appearance.blendshapes.jawOpen", |file| _ = appearance(file).blendshapes.remove("jawOpen")),
-            ("list of appearance", |file| appearance(file).scales.truncate(31)),
-            ("appearance.offsets", |file| appearance(file).offsets[0] = f64::INFINITY),
-        ];
-        for (entry, fault) in faults {
-            let mut file = file();
-            fault(&mut file);
-            let error = file.to_model().expect_err(entry).to_string();
-            assert!(error.contains(entry) && !error.contains(char::is_control), "{entry}: {error}");
+        let input = "{ neutral = 0.0, weights = [inf] }";
+        let shape = toml::Value::try_from(BlendshapeTable::default()).expect("TOML").to_string();
+        let names = (0..=MAX_INPUTS).filter_map(FeatureId::from_index);
+        let inputs: Vec<_> = names.map(|id| format!("{id} = {{ neutral = 0.0, weights = [] }}")).collect();
+        let (inputs, units) = (format!("{{ {} }}", inputs.join(", ")), format!("[{}]", "0.0, ".repeat(MAX_HIDDEN + 1)));
+        let nothing = "{ inputs = {}, blendshapes = {} }";
+        let formulas = format!("{{ neutral_known = {nothing}, neutral_unknown = {nothing} }}");
+        let terms = |lift, response| format!("{{ shift = 0.0, slope = 1.0, lift = {lift}, response = {response} }}");
+        for (entry, path, value) in [
+            ("blendshapes.jawOpen of", "blendshapes.jawOpen", ""),
+            ("\"jawOpened\"", "blendshapes.jawOpened", &shape),
+            ("blendshapes.jawOpen", "blendshapes.jawOpen.offset", "nan"),
+            ("blendshapes.jawOpen", "blendshapes.jawOpen.weights", "[1e300]"),
+            ("blendshapes.jawOpen", "blendshapes.jawOpen.weights", &units),
+            ("inputs.y14", "inputs.y14", input),
+            ("inputs", "inputs", &inputs),
+            (r#""line\n\u{1b}end" in inputs"#, "inputs.line\n\u{1b}end", input),
+            ("offsets.neutral_known", "offsets.neutral_known", &units),
+            ("either offsets", "offsets", ""),
+            ("either offsets", "formulas", &formulas),
+            ("correction.jawOpen", "correction.jawOpen", &terms("-0.2", "[0.4, 0.8]")),
+            ("correction.jawOpen", "correction.jawOpen", &terms("0.2", "[0.8, 0.8]")),
+            ("correction.jawOpen", "correction.jawOpen", &terms("nan", "[0.4, 0.8]")),
+            ("appearance.landmarks.13 of", "appearance.landmarks.13", ""),
+            ("\"12\" in appearance.landmarks", "appearance.landmarks.12", "''"),
+            ("appearance.landmarks.13 of", "appearance.landmarks.13", "'AAAA'"),
+            ("appearance.blendshapes.jawOpen", "appearance.blendshapes.jawOpen", ""),
+            ("list of appearance", "appearance.scales", "[1.0]"),
+            ("appearance.offsets", "appearance.offsets", &format!("[{}]", "inf, ".repeat(APPEARANCE_UNITS))),
+        ] {
+            let error = altered(&file(), path, value);
+            assert!(error.contains(entry) && !error.contains(char::is_control), "{path}: {error}");
         }
     }
 }

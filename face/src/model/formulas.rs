@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::file::{ScoreTable, TOO_MANY, blendshapes, feature, finite, invalid};
-use super::{COEFFS, Cases, FeatureId, ModelError};
+use super::{COEFFS, FeatureId, ModelError};
 
 /// Most features of a formula.
 pub const MAX_FORMULA_INPUTS: usize = 64;
@@ -157,14 +157,7 @@ pub struct FormulaTable {
 
 impl FormulaSetTable {
     /// Checks every name and number and lays the numbers out for the solver.
-    pub(super) fn to_sets(cases: &Cases<Self>) -> Result<Cases<FormulaSet>, ModelError> {
-        Ok(Cases {
-            neutral_known: cases.neutral_known.to_set("formulas.neutral_known")?,
-            neutral_unknown: cases.neutral_unknown.to_set("formulas.neutral_unknown")?,
-        })
-    }
-
-    fn to_set(&self, table: &str) -> Result<FormulaSet, ModelError> {
+    pub(super) fn to_set(&self, table: &str) -> Result<FormulaSet, ModelError> {
         let scaled = |(name, [mean, deviation]): (&String, &[f64; 2])| {
             let entry = format!("{table}.inputs");
             let feature = feature(&entry, name)?;
@@ -235,14 +228,16 @@ impl FormulaTable {
 }
 
 #[cfg(test)]
+#[allow(clippy::panic)]
 mod tests {
     use super::*;
-    use crate::model::{BLENDSHAPES, ModelFile};
+    use crate::model::file::tests::altered;
+    use crate::model::{BLENDSHAPES, Cases, ModelFile, Regression};
 
-    /// A file in which the jaw is `0.1 + 0.2 x + 0.3 y + 0.4 x y + 0.5 y y` of two features `x` and `y`, after a change.
-    fn file(change: impl Fn(&mut FormulaSetTable, &mut FormulaTable)) -> ModelFile {
+    /// A file in which the jaw is `0.1 + 0.2 x + 0.3 y + 0.4 x y + 0.5 y y` of two features `x` and `y`.
+    fn file() -> ModelFile {
         let named = |pairs: [(&str, f64); 2]| pairs.map(|(name, weight)| (name.to_owned(), weight)).into();
-        let mut jaw = FormulaTable {
+        let jaw = FormulaTable {
             kind: FormulaKind::Quadratic,
             offset: 0.1,
             weights: named([("d13-14", 0.2), ("y17", 0.3)]),
@@ -250,22 +245,21 @@ mod tests {
             ..FormulaTable::default()
         };
         let modelled = BLENDSHAPES.iter().take(COEFFS - 1);
-        let mut set = FormulaSetTable {
+        let formula = |name: &str| if name == "jawOpen" { jaw.clone() } else { FormulaTable::default() };
+        let set = FormulaSetTable {
             inputs: [("d13-14".to_owned(), [0.1, 0.5]), ("y17".to_owned(), [0.0, 2.0])].into(),
-            blendshapes: modelled.map(|name| ((*name).to_owned(), FormulaTable::default())).collect(),
+            blendshapes: modelled.map(|name| ((*name).to_owned(), formula(name))).collect(),
         };
-        change(&mut set, &mut jaw);
-        set.blendshapes.insert("jawOpen".to_owned(), jaw);
         let formulas = Cases { neutral_known: set.clone(), neutral_unknown: set };
         ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
     }
 
     #[test]
     fn a_written_file_reads_back_with_multiplied_features_first_and_products_in_their_places() {
-        let file = file(|_, _| ());
+        let file = file();
         let read = ModelFile::parse(&toml::to_string(&file).expect("TOML")).expect("sound");
         assert_eq!(read, file);
-        let formulas = FormulaSetTable::to_sets(&read.formulas.expect("formulas")).expect("sound");
+        let Regression::Formulas(formulas) = file.regression().expect("sound") else { panic!("formulas") };
         let jaw = formulas.neutral_known.formulas.iter().find(|formula| formula.multiplied > 0).expect("the jaw");
         assert_eq!((jaw.multiplied, &*jaw.inputs, &*jaw.weights), (2, [0, 1].as_slice(), [0.2, 0.3].as_slice()));
         assert_eq!(&*jaw.products, [0.0, 0.4, 0.5], "x x, x y, y y");
@@ -273,35 +267,30 @@ mod tests {
 
     #[test]
     fn faults_name_the_entry() {
-        type Fault = (&'static str, fn(&mut FormulaSetTable, &mut FormulaTable));
-        fn product(jaw: &mut FormulaTable, name: &str) {
-            jaw.products.insert(name.to_owned(), 1.0);
-        }
-        fn add(set: &mut FormulaSetTable, count: usize) -> impl Iterator<Item = String> {
-            let names = || (0..count).filter_map(FeatureId::from_index).map(|feature| feature.to_string());
-            set.inputs.extend(names().map(|name| (name, [0.0, 1.0])));
-            names()
-        }
         let jaw = "blendshapes.jawOpen";
-        let faults: [Fault; 14] = [
-            (jaw, |_, jaw| jaw.kind = FormulaKind::Affine),
-            (jaw, |_, jaw| jaw.offset = f64::NAN),
-            (jaw, |_, jaw| _ = jaw.weights.insert("y17".to_owned(), 1e300)),
-            (jaw, |_, jaw| _ = jaw.products.insert("y17*y17".to_owned(), f64::INFINITY)),
-            ("\"q17\"", |_, jaw| _ = jaw.weights.insert("q17".to_owned(), 1.0)),
-            ("\"q17\"", |_, jaw| product(jaw, "y17*q17")),
-            ("\"\"", |_, jaw| product(jaw, "y17")),
-            ("\"y17*y17\"", |_, jaw| product(jaw, "y17*y17*y17")),
-            ("\"\"", |_, jaw| product(jaw, "*")),
-            ("inputs.d13-14", |set, _| _ = set.inputs.remove("d13-14")),
-            ("y17", |set, _| _ = set.inputs.insert("y17".to_owned(), [0.0, 0.0])),
-            ("blendshapes.jawLeft", |set, _| _ = set.blendshapes.remove("jawLeft")),
-            (jaw, |set, jaw| jaw.weights.extend(add(set, MAX_FORMULA_INPUTS).map(|name| (name, 1.0)))),
-            (jaw, |set, jaw| add(set, MAX_MULTIPLIED).for_each(|name| product(jaw, &format!("{name}*{name}")))),
-        ];
-        for (number, (entry, fault)) in faults.into_iter().enumerate() {
-            let error = file(fault).to_model().expect_err("a fault was put in").to_string();
-            assert!(error.contains(entry) && error.contains("formulas.neutral_known"), "fault {number}: {error}");
+        let names = |count| (0..count).filter_map(FeatureId::from_index).map(|feature| feature.to_string());
+        let weights: String = names(MAX_FORMULA_INPUTS).map(|name| format!("{name} = 1.0, ")).collect();
+        let products: String = names(MAX_MULTIPLIED + 1).map(|name| format!("\"{name}*{name}\" = 1.0, ")).collect();
+        for (entry, path, value) in [
+            (jaw, "blendshapes.jawOpen.kind", "'affine'"),
+            (jaw, "blendshapes.jawOpen.offset", "nan"),
+            (jaw, "blendshapes.jawOpen.weights.y17", "1e300"),
+            (jaw, "blendshapes.jawOpen.products.y17*y17", "inf"),
+            ("\"q17\"", "blendshapes.jawOpen.weights.q17", "1.0"),
+            ("\"q17\"", "blendshapes.jawOpen.products.y17*q17", "1.0"),
+            ("\"\"", "blendshapes.jawOpen.products.y17", "1.0"),
+            ("\"y17*y17\"", "blendshapes.jawOpen.products.y17*y17*y17", "1.0"),
+            ("\"\"", "blendshapes.jawOpen.products.*", "1.0"),
+            ("inputs.d13-14", "inputs.d13-14", ""),
+            ("y17", "inputs.y17", "[0.0, 0.0]"),
+            ("blendshapes.jawLeft", "blendshapes.jawLeft", ""),
+            (jaw, "blendshapes.jawOpen.weights", &format!("{{ {weights}z477 = 1.0 }}")),
+            (jaw, "blendshapes.jawOpen.products", &format!("{{ {products}\"z477*z477\" = 1.0 }}")),
+            ("either offsets", "/inputs", "{ y17 = { neutral = 0.0, weights = [] } }"),
+        ] {
+            let path = path.strip_prefix('/').map_or(format!("formulas.neutral_known.{path}"), str::to_owned);
+            let error = altered(&file(), &path, value);
+            assert!(error.contains(entry) && error.contains("formulas"), "{path}: {error}");
         }
     }
 }

@@ -16,14 +16,11 @@ pub struct Adjustments {
 
 /// Changes of one coefficient: `gain * value + offset`, within `min..=max`.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs, reason = "the formula tells the fields")]
 pub struct Adjustment {
-    /// Factor.
     pub gain: f32,
-    /// What is added after the factor.
     pub offset: f32,
-    /// Least value.
     pub min: f32,
-    /// Greatest value, not below `min`.
     pub max: f32,
 }
 

@@ -50,12 +50,11 @@ impl Group {
 
 /// The filters of all coefficients and of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Filters {
-    /// The filters of the coefficients, in the order of [`BLENDSHAPES`].
+    /// In the order of [`BLENDSHAPES`].
     pub coefficients: [Filter; COEFFS],
-    /// The filter of the head's rotation.
     pub rotation: Filter,
-    /// The filter of the head's position.
     pub position: Filter,
 }
 

@@ -101,7 +101,7 @@ const BAND: usize = 8;
 const ROUNDING: f32 = 0.5;
 
 /// A row of samples in 16.16 fixed point: the position of the first sample, and the step to the next one.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) start: [i32; 2],
     pub(super) step: [i32; 2],
@@ -167,9 +167,12 @@ impl Block {
         let pixels = |first: i32, last: i32| (last - first).unsigned_abs() as usize + 2;
         (self.width, self.height) = (pixels(left & !1, right).div_ceil(GROUP), pixels(top, bottom));
         let groups = self.groups.get_mut(..self.width * self.height)?;
-        let outline = Outline::new(ends(rows.first()?), ends(rows.last()?), self.origin);
+        let ([first, second], [fourth, third]) = (ends(rows.first()?), ends(rows.last()?));
+        let relative = |at: i32, origin: i32| at.wrapping_sub(origin << 16) as f32 / 65536.0;
+        let corners =
+            [first, second, third, fourth].map(|[x, y]| [relative(x, self.origin[0]), relative(y, self.origin[1])]);
         for (band_number, band) in groups.chunks_mut(BAND * self.width).enumerate() {
-            let columns = outline.groups(band_number * BAND);
+            let columns = groups_around(corners, band_number * BAND);
             let x = self.origin[0].saturating_add(signed(columns.start * GROUP));
             for (number, row) in (band_number * BAND..).zip(band.chunks_exact_mut(self.width)) {
                 let groups = row.get_mut(columns.start..columns.end.min(self.width))?;
@@ -188,37 +191,25 @@ impl Block {
     }
 }
 
-struct Outline {
-    /// Columns and rows of the corners in the memory, in the order in which the outline connects them.
-    corners: [[f32; 2]; 4],
-}
-
-impl Outline {
-    fn new([first, second]: [[i32; 2]; 2], [fourth, third]: [[i32; 2]; 2], [left, top]: [i32; 2]) -> Self {
-        let relative = |at: i32, origin: i32| at.wrapping_sub(origin << 16) as f32 / 65536.0;
-        Self { corners: [first, second, third, fourth].map(|[x, y]| [relative(x, left), relative(y, top)]) }
-    }
-
-    /// The groups around the samples in the rows of the band that begins with row `top`.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-    fn groups(&self, top: usize) -> Range<usize> {
-        // A sample also takes pixels from the next row and the next column.
-        let ends = [top as f32 - 1.0 - ROUNDING, (top + BAND) as f32 + ROUNDING];
-        let (mut left, mut right) = (f32::MAX, f32::MIN);
-        let [first, second, third, fourth] = self.corners;
-        for [from, to] in [[first, second], [second, third], [third, fourth], [fourth, first]] {
-            let (highest, lowest) = (from[1].min(to[1]), from[1].max(to[1]));
-            if highest > ends[1] || lowest < ends[0] {
-                continue;
-            }
-            let slope = if highest < lowest { (to[0] - from[0]) / (to[1] - from[1]) } else { 0.0 };
-            for end in ends {
-                let x = from[0] + (end.max(highest).min(lowest) - from[1]) * slope;
-                (left, right) = (left.min(x), right.max(x));
-            }
+/// The groups around the samples in the rows of the band that begins with row `top`. The corners of the block of samples
+/// count columns and rows of the memory, in the order in which its outline connects them.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+fn groups_around([first, second, third, fourth]: [[f32; 2]; 4], top: usize) -> Range<usize> {
+    // A sample also takes pixels from the next row and the next column.
+    let ends = [top as f32 - 1.0 - ROUNDING, (top + BAND) as f32 + ROUNDING];
+    let (mut left, mut right) = (f32::MAX, f32::MIN);
+    for [from, to] in [[first, second], [second, third], [third, fourth], [fourth, first]] {
+        let (highest, lowest) = (from[1].min(to[1]), from[1].max(to[1]));
+        if highest > ends[1] || lowest < ends[0] {
+            continue;
         }
-        (left - ROUNDING) as usize / GROUP..(right + 1.0 + ROUNDING) as usize / GROUP + 1
+        let slope = if highest < lowest { (to[0] - from[0]) / (to[1] - from[1]) } else { 0.0 };
+        for end in ends {
+            let x = from[0] + (end.max(highest).min(lowest) - from[1]) * slope;
+            (left, right) = (left.min(x), right.max(x));
+        }
     }
+    (left - ROUNDING) as usize / GROUP..(right + 1.0 + ROUNDING) as usize / GROUP + 1
 }
 
 #[cfg(test)]

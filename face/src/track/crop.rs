@@ -12,7 +12,7 @@ use crate::infer::Network;
 use crate::picture::Picture;
 
 use super::block::{Block, Planes, Row};
-use super::landmarks::{FaceBox, Mapping};
+use super::landmarks::FaceBox;
 
 /// One pixel in the 16.16 fixed point of positions along a row.
 const ONE: f32 = 65536.0;
@@ -68,6 +68,7 @@ impl<const VALUES: usize> Rows for Vec<[f32; VALUES]> {
 }
 
 /// Samples `picture` inside `region`. A region larger than 32,000 px is sampled as if its size were 32,000 px.
+#[expect(clippy::cast_possible_truncation, reason = "saturates: a position so far outside is border in any case")]
 pub fn crop(
     picture: &Picture,
     region: &FaceBox,
@@ -76,11 +77,13 @@ pub fn crop(
     output: &mut (impl Rows + ?Sized),
 ) {
     let CropShape { side, border, .. } = shape;
-    let mut rows = [Row::default(); MAX_SIDE];
-    let mapping = region.mapping();
-    let step = step(&mapping, side);
+    let (mapping, pitch) = (region.mapping(), 1.0 / side as f32);
+    let step = mapping.across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
+    let mut rows = [Row { start: [0; 2], step }; MAX_SIDE];
     for (number, row) in rows.iter_mut().enumerate().take(side) {
-        *row = Row { start: start(&mapping, side, number), step };
+        // With 1/64 px added, rounding down gives the nearest 1/32 px.
+        row.start =
+            mapping.to_picture(0.0, number as f32 * pitch).map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND));
     }
     let mut crop = Crop { planes: Planes::new(picture), shape, block };
     let sizes: &[_] = if border == Border::Black { &UPRIGHT_BLOCKS } else { &ROTATED_BLOCKS };
@@ -141,18 +144,6 @@ impl Crop<'_> {
             }
         }
     }
-}
-
-/// The position of the first sample of a row, plus 1/64 px, so that rounding down gives the nearest 1/32 px.
-#[expect(clippy::cast_possible_truncation, reason = "saturates: a position so far outside is border in any case")]
-fn start(mapping: &Mapping, side: usize, row: usize) -> [i32; 2] {
-    let pitch = 1.0 / side as f32;
-    mapping.to_picture(0.0, row as f32 * pitch).map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "saturates")]
-fn step(mapping: &Mapping, side: usize) -> [i32; 2] {
-    mapping.step(side).map(|along| ((along * ONE) as i32).clamp(-MAX_STEP, MAX_STEP))
 }
 
 #[cfg(test)]

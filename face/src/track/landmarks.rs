@@ -123,7 +123,8 @@ impl FaceBox {
 #[derive(Debug, Clone, Copy)]
 pub struct Mapping {
     region: FaceBox,
-    across: [f32; 2],
+    /// The direction in the picture of the region's rows.
+    pub(super) across: [f32; 2],
 }
 
 impl Mapping {
@@ -132,12 +133,6 @@ impl Mapping {
         let ([cos, sin], FaceBox { centre, size, .. }) = (self.across, self.region);
         let (x, y) = ((u - 0.5) * size, (v - 0.5) * size);
         [centre[0] + cos * x - sin * y, centre[1] + sin * x + cos * y]
-    }
-
-    /// The vector in the picture from one of `side` samples in a row of the region to the next.
-    pub fn step(&self, side: usize) -> [f32; 2] {
-        let pitch = 1.0 / side as f32;
-        self.across.map(|along| along * self.region.size * pitch)
     }
 }
 

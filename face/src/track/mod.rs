@@ -113,23 +113,6 @@ mod tests {
     }
 
     #[test]
-    fn the_landmarks_are_those_of_the_networks_and_the_next_region_follows_them() {
-        let (mut tracker, _) = tracker(|_, _| Ok(()));
-        let found = follow(&mut tracker).expect("a run").expect("a face");
-        let shown = face([0.0; 3], 60.0, [110.0, 70.0]);
-        for (index, (found, shown)) in found.0.iter().zip(&shown.0).enumerate().take(MESH) {
-            for (found, shown) in found.iter().zip(shown) {
-                assert!((found - shown).abs() < 1e-3, "landmark {index}: {found} in place of {shown}");
-            }
-        }
-        let next = tracker.detect(&picture()).expect("no run").expect("the region of the same face");
-        let [min, max] = bounds(shown.0.iter().map(|[x, y, _]| [*x, *y]));
-        for axis in [0, 1] {
-            assert!((next.centre[axis] - f32::midpoint(min[axis], max[axis])).abs() < 1e-2, "{next:?}");
-        }
-    }
-
-    #[test]
     fn after_a_network_failed_there_is_no_face_until_the_next_picture() {
         let fails =
             |run: &mut Run, number| if run.network == "lips" && number == 2 { Err("no memory") } else { Ok(()) };

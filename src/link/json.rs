@@ -73,6 +73,7 @@ fn write(line: &mut Vec<u8>, output: &Output, gaze: Gaze, sequence: u32) -> serd
     object.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
     object.end()
 }
+
 #[derive(Clone)]
 struct Object<I>(I);
 

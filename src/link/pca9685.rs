@@ -25,7 +25,7 @@ use rustix::io::Errno;
 use super::background::Device;
 use super::{LinkError, LinkErrorKind};
 use crate::config::Pca9685Settings;
-use crate::servo::Board;
+use crate::servo::{Board, Channel};
 
 /// Time between two checks whether the chip still makes pulses.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
@@ -174,14 +174,6 @@ impl Period {
             None => [0, 0, 0, FULL],
         }
     }
-
-    /// Returns the pulse that these contents of a channel's registers make, which may begin at any step of the period.
-    fn pulse_us(self, [on_low, on_high, off_low, off_high]: [u8; 4]) -> Option<f32> {
-        let [on, off] = [[on_low, on_high], [off_low, off_high]].map(u16::from_le_bytes);
-        let steps = off.wrapping_sub(on) % STEPS;
-        let has_pulses = (on_high | off_high) & FULL == 0 && steps > 0;
-        has_pulses.then(|| f32::from(steps) * self.step_us())
-    }
 }
 
 trait Registers {
@@ -212,17 +204,18 @@ trait Registers {
         }))
     }
 
-    /// Returns the pulse of a channel that the chip makes now, whatever its period is.
+    /// Returns the pulse of a channel that the chip makes now, whatever its period is, and at whichever step it begins.
     fn read_pulse_us(&mut self, channel: u8, period: Period) -> Result<Option<f32>, LinkError> {
         if self.get(MODE1)? & SLEEP != 0 || (self.get(MODE2)? ^ OUTPUTS) & POLARITY_BITS != 0 {
             return Ok(None);
         }
         let period = Period { prescale: self.get(PRE_SCALE)?, ..period };
-        let mut contents = [0; 4];
-        for (register, byte) in (first_register(channel)..).zip(&mut contents) {
-            *byte = self.get(register)?;
-        }
-        Ok(period.pulse_us(contents))
+        let first = first_register(channel);
+        let mut word = |register| Ok(u16::from_le_bytes([self.get(register)?, self.get(register + 1)?]));
+        let (on, off) = (word(first)?, word(first + 2)?);
+        let steps = off.wrapping_sub(on) % STEPS;
+        let has_pulses = (on | off) >> 8 & u16::from(FULL) == 0 && steps > 0;
+        Ok(has_pulses.then(|| f32::from(steps) * period.step_us()))
     }
 
     /// Whether the chip goes by a clock at its pin EXTCLK instead of its own.
@@ -279,16 +272,11 @@ impl Servos {
     /// Moves all channels on. Channels between those in use get no pulses.
     fn show(&mut self, packet: &Packet, chip: &mut impl Registers) -> Result<(), LinkError> {
         let period = Period::of(&self.settings);
-        let mut registers = [period.registers(None); CHANNELS as usize];
-        let (mut first, mut last) = (CHANNELS, 0);
-        for channel in self.board.follow(packet, Instant::now()) {
-            if let Some(registers) = registers.get_mut(usize::from(channel.number)) {
-                *registers = period.registers(channel.now_us());
-            }
-            (first, last) = (first.min(channel.number), last.max(channel.number));
-        }
-        let registers = registers.get(usize::from(first)..=usize::from(last)).unwrap_or_default();
-        chip.write_channels(first, registers.as_flattened())
+        let channels = self.board.follow(packet, Instant::now());
+        let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number));
+        let pulse_us = |number| channels.iter().find(|channel| channel.number == number).and_then(Channel::now_us);
+        let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
+        chip.write_channels(first, &registers)
     }
 }
 

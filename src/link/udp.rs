@@ -37,13 +37,12 @@ pub struct UdpCarrier {
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
     pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
-        Self::resolved_by(system_resolver, address, LOOKUP_PERIOD, traffic)
+        Self::resolved_by(system_resolver, address, traffic)
     }
 
     fn resolved_by(
         resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
         address: &Address,
-        period: Duration,
         traffic: Arc<Traffic>,
     ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
@@ -53,7 +52,7 @@ impl UdpCarrier {
         } else {
             let ((wake, woken), host) = (sync_channel(1), address.clone());
             let thread = Builder::new().name("fw-lookup".to_owned());
-            let started = thread.spawn(move || look_up(&host, resolve, period, input, &woken));
+            let started = thread.spawn(move || look_up(&host, resolve, input, &woken));
             started.map_err(|error| LinkError::no_thread(address, error))?;
             Some(wake)
         };
@@ -120,11 +119,10 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
-/// Looks a host name up now, after each `period`, and when it is woken. If that fails, the last destination stays.
+/// Looks a host name up now, again and again, and when it is woken. If that fails, the last destination stays.
 fn look_up(
     address: &Address,
     resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
-    period: Duration,
     mut destination: Input<Option<Destination>>,
     woken: &Receiver<()>,
 ) {
@@ -143,7 +141,7 @@ fn look_up(
             (Err(error), Some(current)) => retry.warn(&format!("{error}; packets still go to {current}")),
             (Err(error), None) => retry.warn(&error),
         }
-        let wait = if current.is_some() { period } else { retry.back_off.wait() };
+        let wait = if current.is_some() { LOOKUP_PERIOD } else { retry.back_off.wait() };
         if woken.recv_timeout(wait) == Err(RecvTimeoutError::Disconnected) {
             return;
         }
@@ -216,12 +214,15 @@ mod tests {
         let (answers, asked) = sync_channel(0);
         let resolve = move |_: &Address| asked.recv().map_err(io::Error::other);
         let address = Address::new("head.local:5252").unwrap();
-        (UdpCarrier::resolved_by(resolve, &address, Duration::from_millis(1), Arc::default()).unwrap(), answers)
+        (UdpCarrier::resolved_by(resolve, &address, Arc::default()).unwrap(), answers)
     }
 
     /// Finds these addresses. When the second look-up has begun, the first one has had its effect.
-    fn find(answers: &Answers, found: &[SocketAddr]) {
-        (0..2).for_each(|_| answers.send(found.to_vec()).unwrap());
+    fn find(link: &UdpCarrier, answers: &Answers, found: &[SocketAddr]) {
+        for _ in 0..2 {
+            link.refresh();
+            answers.send(found.to_vec()).unwrap();
+        }
     }
 
     fn receiver(address: &str) -> UdpSocket {
@@ -298,20 +299,20 @@ mod tests {
         let (mut link, answers) = host();
         // Another order of the same addresses changes nothing.
         for found in [[old_address, new_address], [new_address, old_address]] {
-            find(&answers, &found);
+            find(&link, &answers, &found);
             assert!(arrives(&mut link, &old));
         }
-        find(&answers, &[new_address]);
+        find(&link, &answers, &[new_address]);
         assert!(arrives(&mut link, &new) && !arrives(&mut link, &old));
     }
 
     #[test]
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
         let (socket, (mut link, answers)) = (receiver("127.0.0.1:0"), host());
-        find(&answers, &[]);
+        find(&link, &answers, &[]);
         assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link) == [0, 1]);
         for found in [&[socket.local_addr().unwrap()][..], &[]] {
-            find(&answers, found);
+            find(&link, &answers, found);
             assert!(arrives(&mut link, &socket) && link.is_open());
         }
         drop(link);

@@ -7,9 +7,9 @@
 //!
 //! Limits: ports must have their names from the kernel and from udev. A board at the pins of a UART is not recognised.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use std::{fs, iter};
 
 use serialport::{SerialPortType, available_ports};
 
@@ -125,9 +125,9 @@ fn joined(ports: &[PathBuf]) -> String {
 
 /// Lists the serial ports of USB devices by their nodes.
 fn usb_ports() -> impl Iterator<Item = (PathBuf, Numbers)> {
-    // Without this folder, the list of ports would panic.
-    let ports = iter::once(Path::new("/sys/class/tty")).filter(|class| class.exists());
-    ports.flat_map(|_| available_ports().unwrap_or_default()).filter_map(|port| match port.port_type {
+    // If this folder cannot be read, the list of ports panics.
+    let ports = fs::read_dir("/sys/class/tty").ok().and_then(|_| available_ports().ok());
+    ports.unwrap_or_default().into_iter().filter_map(|port| match port.port_type {
         SerialPortType::UsbPort(usb) => Some((port.port_name.into(), (usb.vid, usb.pid))),
         _ => None,
     })

@@ -7,22 +7,15 @@
 use std::ops::Range;
 
 use facewire_face::stages::{FaceMean, normalise};
-use facewire_face::{Appearance, InferError, Landmarks, Neutral, Solution, SolveError};
+use facewire_face::{Appearance, Landmarks, Neutral, Solution, SolveError};
 use facewire_packet::{Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
 use crate::link::Pose;
-use crate::pipeline::Pipeline;
+use crate::pipeline::{Pipeline, SetupError};
+use crate::service::ServiceError;
 use crate::service::failsafe::{Failsafe, History};
-
-#[derive(Debug, thiserror::Error)]
-pub enum PlaybackError {
-    #[error(transparent)]
-    Capture(#[from] CaptureError),
-    #[error(transparent)]
-    Infer(#[from] InferError),
-}
 
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
@@ -58,12 +51,12 @@ impl Playback {
 
     /// Reads the next frame and finds its face; `None` at the end. Landmarks that form no face are kept, but the next
     /// frame is searched anew.
-    pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<TrackedFrame>, PlaybackError> {
+    pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<TrackedFrame>, ServiceError> {
         let rate = source.describe().rate;
         let face = match source.next() {
             Ok(None) => return Ok(None),
             Ok(Some(frame)) => {
-                let face = self.pipeline.find(&frame)?;
+                let face = self.pipeline.find(&frame).map_err(SetupError::from)?;
                 TrackedFrame {
                     number: frame.number,
                     time_us: frame.captured_us,

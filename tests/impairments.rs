@@ -2,7 +2,7 @@
 //!
 //! The tests disturb the built-in clip as a camera would (dim light with its noise, light from behind, a face that is far
 //! away or cut off), and compare its coefficients with those of the undisturbed clip. To see the figures from which the
-//! thresholds of `src/watch/judge.rs` come, also for films of people where the folder of reference clips exists, run
+//! thresholds of `src/watch/mod.rs` come, also for films of people where the folder of reference clips exists, run
 //! `cargo test --release --test impairments -- --ignored --nocapture`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels")]

@@ -12,7 +12,6 @@ use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
 use crate::link::{LinkError, LinkErrorKind};
 use crate::pipeline::SetupError;
-use crate::playback::PlaybackError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
 
@@ -112,10 +111,6 @@ exit_statuses! {
         _ => EX_NOINPUT,
     }
     InferError { _ => EX_UNAVAILABLE, }
-    PlaybackError {
-        Self::Capture(error) => error.exit_status(),
-        Self::Infer(error) => error.exit_status(),
-    }
     SetupError {
         Self::Networks(error) => error.exit_status(),
         Self::Model { error: ModelError::Unreadable { .. }, .. } => EX_NOINPUT,

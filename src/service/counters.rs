@@ -186,14 +186,12 @@ impl Counters {
         let [state, step] = [&self.state, &self.step].map(|index| index.load(Relaxed));
         let (step_cause, neutral) = (self.step_cause.load(Relaxed), self.neutral_face.load(Relaxed));
         let (is_small, share) = (self.small_picture.load(Relaxed), f32::from_bits(self.neutral_share.load(Relaxed)));
-        let results = [
-            ("faces", "solved", &self.solved),
-            ("no_face", "no_face", &self.no_face),
-            ("rejected", "rejected", &self.rejected),
-        ];
         let Traffic { packets, sent, dropped } = &*self.traffic;
         rows! {
-            counter "frames" "result" "Frames processed, by result." = counts(results);
+            counter "frames" "result" "Frames processed, by result." = counts([
+                ("faces", "solved", &self.solved), ("no_face", "no_face", &self.no_face),
+                ("rejected", "rejected", &self.rejected),
+            ]);
             counter "engine_failures" "" "Failed inferences; their frames are among the rejected ones."
                 = count("engine_failures", &self.engine_failures);
             counter "frames_skipped" "" "Frames skipped for a newer frame." = count("skipped", &self.skipped);

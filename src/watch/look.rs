@@ -175,7 +175,6 @@ impl Samples {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use facewire_face::testing::face;
 
     const SIDE: usize = 192;
 
@@ -212,15 +211,5 @@ mod tests {
         let plain = vec![7; SIDE * SIDE];
         let light = Look::at(&grey(&plain, true), None).picture;
         assert_eq!(light, Light { brightness: 7.0, contrast: 0.0, noise: LEAST_NOISE });
-    }
-
-    #[test]
-    fn a_face_has_its_size_and_what_is_outside_the_picture_is_cut_off() {
-        let data = vec![100; SIDE * SIDE];
-        let look = |centre| Look::at(&grey(&data, true), Some(&face([0.0; 3], 60.0, centre))).face.unwrap();
-        let whole = look([96.0, 80.0]);
-        assert!(whole.size_px > 60.0 && (whole.size - whole.size_px / 192.0).abs() < 1e-6, "{whole:?}");
-        let far = look([-500.0, 80.0]);
-        assert!((far.cut_off - 1.0).abs() < 1e-6 && far.light.brightness < 1e-6, "{far:?}");
     }
 }

@@ -39,9 +39,10 @@ const BLINK_S: f32 = 0.6;
 /// How often the neutral take is repeated because the poses contradict it.
 const RETAKES: u32 = 2;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Calibration {
     pub profile: Profile,
+    /// The hash of the model.
     pub model: u32,
     pub taken: Vec<Take>,
     /// The poses that were left out, and why. Their coefficients keep general values.
@@ -88,14 +89,13 @@ pub enum Phase {
 #[derive(Debug)]
 pub struct Guide {
     model: Arc<Model>,
-    pub(crate) model_hash: u32,
+    /// What is found so far.
+    pub(crate) calibration: Calibration,
     last_us: Option<u64>,
     period_s: Option<f32>,
     plan: VecDeque<Take>,
     stage: Stage,
     takes: Takes,
-    left_out: Vec<(Take, Refusal)>,
-    refused: u32,
     last_refusal: Option<Refusal>,
     hindered_s: f32,
     retakes: u32,
@@ -122,15 +122,13 @@ impl Guide {
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
         let model = model.into();
         Self {
-            model_hash: model_hash(&model),
+            calibration: Calibration { model: model_hash(&model), ..Calibration::default() },
             model,
             last_us: None,
             period_s: None,
             plan: Take::ALL.into(),
             stage: Stage::default(),
             takes: Takes::default(),
-            left_out: Vec::new(),
-            refused: 0,
             last_refusal: None,
             hindered_s: 0.0,
             retakes: 0,
@@ -180,7 +178,7 @@ impl Guide {
             measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(of(MEASURE_S, take))),
             seen: self.stage.seen,
             waits_for: self.stage.waits_for,
-            refused: self.refused,
+            refused: self.calibration.refused,
             last_refusal: self.last_refusal,
         }
     }
@@ -269,7 +267,7 @@ impl Guide {
     }
 
     fn refuse(&mut self, refusal: Refusal) {
-        self.refused += 1;
+        self.calibration.refused += 1;
         self.last_refusal = Some(refusal);
         self.stage.waits_for = Some(refusal);
     }
@@ -278,7 +276,7 @@ impl Guide {
         if take == Take::Neutral {
             self.outcome = Some(Err(why));
         } else {
-            self.left_out.push((take, why));
+            self.calibration.left_out.push((take, why));
             self.go_on();
         }
     }
@@ -290,8 +288,7 @@ impl Guide {
             return;
         }
         let Some(doubt) = doubt(&self.model, &self.takes) else {
-            let (left_out, refused, taken) = (self.left_out.clone(), self.refused, self.takes.taken());
-            let found = |profile| Calibration { profile, model: self.model_hash, taken, left_out, refused };
+            let found = |profile| Calibration { profile, taken: self.takes.taken(), ..self.calibration.clone() };
             self.outcome = Some(learn(&self.model, &self.takes).map(found).ok_or(Refusal::NoFace));
             return;
         };
@@ -303,7 +300,8 @@ impl Guide {
         }
         self.plan.push_back(Take::Neutral);
         // Poses that were not seen relative to the wrong neutral face may be seen relative to the new one.
-        self.plan.extend(self.left_out.extract_if(.., |(_, why)| *why == Refusal::NotSeen).map(|(take, _)| take));
+        let left_out = &mut self.calibration.left_out;
+        self.plan.extend(left_out.extract_if(.., |(_, why)| *why == Refusal::NotSeen).map(|(take, _)| take));
     }
 }
 

@@ -215,7 +215,7 @@ impl Server {
             self.settings = settings;
             if let Some(calibrating) = &self.calibrating
                 && let Ok(model) = load_model(&self.settings.solver)
-                && model_hash(&model) != calibrating.guide.model_hash
+                && model_hash(&model) != calibrating.guide.calibration.model
             {
                 // A profile of takes that two models have read would fit neither.
                 let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";

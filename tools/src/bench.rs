@@ -13,7 +13,7 @@ pub use self::figures::cpu_time;
 use self::figures::{Samples, constant_work, interruptions, peak_memory_mb, quantile};
 use self::layers::Layers;
 use crate::input::{self, USUAL_SIZE_PX};
-use facewire::capture::{DEMO, FrameRate, Source};
+use facewire::capture::{DEMO, FrameRate};
 use facewire::cli::{Failure, SettingsArgs, print};
 use facewire::config::{Choice as _, Settings};
 use facewire::hardware::{self, Flags, Machine, Sensors};
@@ -69,7 +69,8 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         let sensors = Sensors::find(&hardware::root(), &settings.hardware);
         (sensors.read(0.0).0, sensors)
     });
-    let mut pipeline = Pipeline::load(&settings, open(&args.input)?.shows_pictures())?;
+    let source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?;
+    let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
     if let Some(tracker) = &mut pipeline.tracker {
@@ -120,13 +121,9 @@ fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> 
     Ok(())
 }
 
-fn open(input: &str) -> Result<Box<dyn Source>, Failure> {
-    Ok(input::open(input, FrameRate::FPS_30, USUAL_SIZE_PX)?)
-}
-
 /// Plays the input once, and keeps the durations of the stages of each frame that has a solution.
 fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
-    let mut source = open(&args.input)?;
+    let mut source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?;
     pipeline.forget_face();
     loop {
         let begun = Instant::now();

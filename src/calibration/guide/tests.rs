@@ -142,12 +142,12 @@ fn conditions_of_the_neutral_take_are_named_and_without_it_there_is_no_profile()
 #[test]
 fn moving_head_and_speaking_mouth_refuse_the_neutral_take_and_a_blink_is_left_out() {
     let sways = show(120, |frame| shows([0.5 * (frame % 20) as f32, 0.0, 0.0], &[]));
-    assert_eq!((sways.refused > 2, sways.last_refusal), (true, Some(Refusal::HeadMoves)));
+    assert_eq!((sways.calibration.refused > 2, sways.last_refusal), (true, Some(Refusal::HeadMoves)));
     let speaks = show(120, |frame| pose(Take::JawOpen, (frame / 8 % 2) as f32 * 0.35));
-    assert_eq!((speaks.refused > 2, speaks.last_refusal), (true, Some(Refusal::FaceMoves)));
+    assert_eq!((speaks.calibration.refused > 2, speaks.last_refusal), (true, Some(Refusal::FaceMoves)));
     let shut = |frame| if (50..55).contains(&frame) { 0.6 } else { 0.0 };
     let blinks = show(100, |frame| pose(Take::EyesShut, shut(frame)));
-    assert_eq!((blinks.wanted(), blinks.refused), (Some(Take::EyesShut), 0));
+    assert_eq!((blinks.wanted(), blinks.calibration.refused), (Some(Take::EyesShut), 0));
     assert!(blinks.takes.neutral.unwrap().raw[0].abs() < 0.01);
 }
 

@@ -3,7 +3,7 @@
 use crossterm::event::KeyCode;
 
 /// The pulses that keys reach, microseconds. Nearly all servos stay within them.
-const REACH_US: [u16; 2] = [500, 2500];
+const REACH_US: [i32; 2] = [500, 2500];
 /// Number of steps by which the keys up and down move.
 const LARGE: i32 = 5;
 /// An example, because a channel must follow something and the user has not said yet what.
@@ -11,16 +11,16 @@ const SOURCES: &str = "sources = { jawOpen = 1.0 }   # what the servo follows";
 
 /// The pulse, and the pulses that were taken, microseconds: those of both ends, and the neutral one.
 pub struct Finder {
-    pulse_us: u16,
-    step_us: u16,
+    pulse_us: i32,
+    step_us: i32,
     is_driven: bool,
-    taken_us: [Option<u16>; 3],
+    taken_us: [Option<i32>; 3],
 }
 
 impl Finder {
     /// Begins at this pulse, which the servo gets with the first key.
     pub fn new(pulse_us: u16, step_us: u16) -> Self {
-        Self { pulse_us, step_us, is_driven: false, taken_us: [None; 3] }
+        Self { pulse_us: pulse_us.into(), step_us: step_us.into(), is_driven: false, taken_us: [None; 3] }
     }
 
     pub fn press(&mut self, key: KeyCode) {
@@ -41,19 +41,18 @@ impl Finder {
     /// Moves by this number of steps. The first key that moves only begins the pulses.
     fn step(&mut self, steps: i32) {
         if std::mem::replace(&mut self.is_driven, true) {
-            let [least, most] = REACH_US.map(i32::from);
-            let pulse_us = (i32::from(self.pulse_us) + steps * i32::from(self.step_us)).clamp(least, most);
-            self.pulse_us = u16::try_from(pulse_us).unwrap_or(self.pulse_us);
+            let [least, most] = REACH_US;
+            self.pulse_us = (self.pulse_us + steps * self.step_us).clamp(least, most);
         }
     }
 
     /// The pulse for the servo; `None` while it gets none.
     pub fn pulse_us(&self) -> Option<f32> {
-        self.is_driven.then(|| self.pulse_us.into())
+        self.is_driven.then_some(self.pulse_us as f32)
     }
 
     pub fn neutral_us(&self) -> Option<f32> {
-        self.taken_us[2].map(f32::from)
+        self.taken_us[2].map(|pulse_us| pulse_us as f32)
     }
 
     pub fn status(&self) -> String {
@@ -69,7 +68,8 @@ impl Finder {
         for (name, taken) in ["pulse_at_0_us", "pulse_at_1_us"].iter().zip(self.taken_us) {
             lines.extend(taken.map(|pulse_us| format!("{name} = {pulse_us}\n")));
         }
-        if let [Some(at_0), Some(at_1), Some(neutral)] = self.taken_us.map(|taken| taken.map(f32::from))
+        if let [Some(at_0), Some(at_1), Some(neutral)] =
+            self.taken_us.map(|taken| taken.map(|pulse_us| pulse_us as f32))
             && at_0 != at_1
         {
             let position = ((neutral - at_0) / (at_1 - at_0)).clamp(0.0, 1.0);

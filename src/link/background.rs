@@ -205,6 +205,7 @@ mod tests {
     use std::sync::mpsc;
 
     use super::*;
+    use crate::link::testing::counts;
 
     /// A device that reports each message to the test, and takes it once the test tells whether it does.
     struct Scripted {
@@ -239,10 +240,6 @@ mod tests {
             thread::yield_now();
         }
         (carrier, written, takes, traffic)
-    }
-
-    fn counts(traffic: &Traffic) -> [u64; 2] {
-        [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed))
     }
 
     #[test]

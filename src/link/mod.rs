@@ -302,6 +302,11 @@ mod testing {
         }
     }
 
+    /// Messages sent, and messages dropped.
+    pub fn counts(traffic: &Traffic) -> [u64; 2] {
+        [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed))
+    }
+
     pub fn near(a: &[f32], b: &[f32]) -> bool {
         a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
     }

@@ -197,7 +197,7 @@ fn is_nearby(address: IpAddr) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::testing::PATIENCE;
+    use crate::link::testing::{PATIENCE, counts, eventually};
     use crate::skip::skip;
 
     const MESSAGE: &[u8] = b"message";
@@ -231,10 +231,6 @@ mod tests {
         socket
     }
 
-    fn counts(link: &UdpCarrier) -> [u64; 2] {
-        [&link.traffic.sent, &link.traffic.dropped].map(|counter| counter.load(Relaxed))
-    }
-
     #[test]
     fn a_receiver_that_starts_late_gets_every_message_from_then_on_as_one_datagram() {
         for any in ["127.0.0.1:0", "[::1]:0"] {
@@ -249,7 +245,7 @@ mod tests {
             let socket = receiver(&address);
             link.send(MESSAGE);
             let length = socket.recv(&mut bytes).unwrap();
-            assert_eq!((&bytes[..length], link.refusal(), counts(&link)), (MESSAGE, None, [11, 0]));
+            assert_eq!((&bytes[..length], link.refusal(), counts(&link.traffic)), (MESSAGE, None, [11, 0]));
         }
     }
 
@@ -288,7 +284,7 @@ mod tests {
     fn localhost_is_reached_by_ipv4_which_may_be_a_broadcast() {
         let socket = receiver("127.0.0.1:0");
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
-        crate::link::testing::eventually("localhost resolves", || arrives(&mut link, &socket));
+        eventually("localhost resolves", || arrives(&mut link, &socket));
         assert!(link.destination.read().as_ref().unwrap().0.broadcast().unwrap());
     }
 
@@ -310,7 +306,7 @@ mod tests {
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
         let (socket, (mut link, answers)) = (receiver("127.0.0.1:0"), host());
         find(&link, &answers, &[]);
-        assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link) == [0, 1]);
+        assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link.traffic) == [0, 1]);
         for found in [&[socket.local_addr().unwrap()][..], &[]] {
             find(&link, &answers, found);
             assert!(arrives(&mut link, &socket) && link.is_open());

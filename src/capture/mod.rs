@@ -29,7 +29,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 use self::rehearsal::Rehearsal;
 use self::v4l2::{CameraSource, Wish};
-use crate::config::{BadScript, Script};
+use crate::config::Script;
 use crate::impairment::ImpairmentSet;
 
 /// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
@@ -38,9 +38,7 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
     match Script::of(device) {
         _ if device == DEMO => Ok(Box::new(Rehearsal::open(None, wish.width, timeout)?)),
         Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
-        Some(Err(BadScript)) => {
-            Err(CaptureError::Absent(format!("{device} is no rehearsal; give {}", Script::EXPECTED)))
-        }
+        Some(Err(expected)) => Err(CaptureError::Absent(format!("{device} is no rehearsal; give {expected}"))),
         None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
 }

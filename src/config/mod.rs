@@ -18,7 +18,7 @@ pub use link::*;
 pub use overlay::Faults;
 pub use settings::*;
 pub(crate) use value::quoted;
-pub use value::{Address, BadScript, Choice, JsonTarget, Listen, Parameters, Scene, Script, SerialDevice};
+pub use value::{Address, Choice, JsonTarget, Listen, Parameters, Scene, Script, SerialDevice};
 
 use self::overlay::{Entry, Overlay, Section as _};
 use crate::calibration::WearerName;
@@ -163,8 +163,8 @@ fn check(settings: &Settings, faults: &mut Faults) {
     let (device, name) = (&settings.camera.device, &settings.wearer.name);
     let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
     need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
-    let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
-    need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED);
+    let bad = Script::of(device).and_then(Result::err);
+    need(bad.is_none(), "camera.device", format!("{device:?}"), bad.unwrap_or_default());
     let [folder, model, wearers] = [&settings.networks.folder, &settings.solver.model, &settings.wearer.folder];
     for (key, path) in [("networks.folder", folder), ("solver.model", model), ("wearer.folder", wearers)] {
         let expected = "a path from / on: no shell replaces the ~ of a setting";

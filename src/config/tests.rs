@@ -204,6 +204,6 @@ fn a_script_is_read_or_refused_and_another_camera_setting_is_none() {
     assert_eq!(Script::of("rehearsal: random 7"), Some(Ok(Script::Random(7))));
     assert_eq!(Script::of("/dev/video0"), None);
     for bad in ["", "live", "live 0", "live -1", "live x", "live 3,", "nap 3", "random", "random x", "live 1e9"] {
-        assert_eq!(Script::of(&format!("rehearsal:{bad}")), Some(Err(BadScript)), "{bad}");
+        assert!(Script::of(&format!("rehearsal:{bad}")).unwrap().is_err(), "{bad}");
     }
 }

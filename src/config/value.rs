@@ -305,17 +305,15 @@ pub enum Script {
     Random(u64),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct BadScript;
-
 impl Script {
-    pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
+    const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
          damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and \
          undervoltage with their seconds, or \"rehearsal: random 7\"";
 
-    /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal.
-    pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
-        device.strip_prefix("rehearsal:").map(|script| Self::parse(script).ok_or(BadScript))
+    /// Reads the script in the camera setting `device`, or says what to give instead. Returns `None` if the setting names no
+    /// rehearsal.
+    pub fn of(device: &str) -> Option<Result<Self, &'static str>> {
+        device.strip_prefix("rehearsal:").map(|script| Self::parse(script).ok_or(Self::EXPECTED))
     }
 
     fn parse(script: &str) -> Option<Self> {

@@ -102,43 +102,35 @@ pub fn run(
 
     let shared = Arc::clone(&counters);
     let run_sender = |changes| Sender { links, changes, news, refusals, counters: shared }.run();
-    let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
+    let (sender_thread, sender) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
     let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-    let wake = sender.thread().clone();
+    let wake = sender_thread.thread().clone();
     let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder };
     let profile = profile_of(&settings, &counters);
     let (live, shared) = (settings.clone(), Arc::clone(&counters));
     let for_hot = loader.clone();
     let run_hot = |changes| HotLoop::new(live, pipeline, profile, outlets, changes, shared, for_hot).run();
-    let (hot, hot_mailbox) = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, run_hot)?;
-    let hot_mailbox = Arc::new(hot_mailbox);
+    let (hot_thread, hot) = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, run_hot)?;
+    let hot = Arc::new(hot);
 
-    let (control_changes, changes) = mpsc::channel();
-    let (rings, hot_changes, shared) = ((observed, recorded), Arc::clone(&hot_mailbox), Arc::clone(&counters));
+    let (control, changes) = mpsc::channel();
+    let (rings, hot_changes, shared) = ((observed, recorded), Arc::clone(&hot), Arc::clone(&counters));
     let server = Server::new(socket_path(), settings.clone(), changes, rings, hot_changes, shared);
-    let control = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
+    let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
-    if let Err(error) = &control {
+    if let Err(error) = &control_thread {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
-    let reloader = Reloader {
-        live: settings,
-        load_settings,
-        set_log_level,
-        hot: hot_mailbox,
-        sender: sender_mailbox,
-        control: control_changes,
-        counters: Arc::clone(&counters),
-        loader,
-        preparing: None,
-    };
+    let (live, shared, preparing) = (settings, Arc::clone(&counters), None);
+    let reloader =
+        Reloader { live, load_settings, set_log_level, hot, sender, control, counters: shared, loader, preparing };
     let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
     let mut supervisor = Supervisor { counters: shared, events: heard, load, refusal, reloader, adaptation, log };
-    supervisor.run(|| !sender.is_finished() && !hot.is_finished());
+    supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
-    let ended = stop(&counters, sender, hot);
-    if let Ok((stop, thread)) = control {
+    let ended = stop(&counters, sender_thread, hot_thread);
+    if let Ok((stop, thread)) = control_thread {
         drop(stop);
         ends_before(Instant::now() + DISK_PATIENCE, || thread.is_finished());
     }

@@ -98,15 +98,10 @@ pub struct Watch {
 }
 
 impl Watch {
-    pub const FINDS: [Impairment; 7] = [
-        Impairment::Black,
-        Impairment::Dark,
-        Impairment::Backlight,
-        Impairment::SmallFace,
-        Impairment::CutOffFace,
-        Impairment::HalvedRate,
-        Impairment::MissingFrames,
-    ];
+    pub const FINDS: [Impairment; 7] = {
+        use Impairment::{Backlight, Black, CutOffFace, Dark, HalvedRate, MissingFrames, SmallFace};
+        [Black, Dark, Backlight, SmallFace, CutOffFace, HalvedRate, MissingFrames]
+    };
 
     /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
     pub fn new(hold_us: u64) -> Self {

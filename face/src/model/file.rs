@@ -96,7 +96,6 @@ pub struct ScoreTable {
     pub mse: f64,
 }
 
-/// A feature that the hidden layer selects.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputTable {
@@ -104,7 +103,6 @@ pub struct InputTable {
     pub weights: Vec<f64>,
 }
 
-/// A blendshape of the hidden layer.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlendshapeTable {
@@ -114,7 +112,6 @@ pub struct BlendshapeTable {
     pub weights: Vec<f64>,
 }
 
-/// The layer that reads the mesh network's feature map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AppearanceTable {
@@ -124,7 +121,6 @@ pub struct AppearanceTable {
     pub blendshapes: BTreeMap<String, Cases<ResidualRow>>,
 }
 
-/// A weighted sum of the units.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResidualRow {

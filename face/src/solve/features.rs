@@ -42,7 +42,7 @@ impl Neutral {
 /// What displacements are measured from: `mean + known * (neutral - mean)`, with the model's mean of many people.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference<'a> {
-    neutral: Option<&'a Neutral>,
+    pub(super) neutral: Option<&'a Neutral>,
     pub(super) known: f32,
 }
 
@@ -53,11 +53,6 @@ impl<'a> Reference<'a> {
     /// A face that is the wearer's neutral face by a share of `known`, from 0 to 1. A share of 0 is [`Self::MEAN`].
     pub fn between(neutral: &'a Neutral, known: f32) -> Self {
         if known > 0.0 { Self { neutral: Some(neutral), known: known.min(1.0) } } else { Self::MEAN }
-    }
-
-    /// The mean of many people and the wearer's own face, if this reference lies between them.
-    pub(super) fn ends(&self) -> Option<[Self; 2]> {
-        self.neutral.filter(|_| self.known < 1.0).map(|neutral| [Self::MEAN, Self::between(neutral, 1.0)])
     }
 }
 

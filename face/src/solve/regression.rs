@@ -24,10 +24,11 @@ impl Model {
 
     /// Computes the coefficients of a face, measured from `reference`. Does not allocate.
     pub(crate) fn solve(&self, face: &Normalised, reference: Reference) -> Result<Coefficients, SolveError> {
-        match (&self.regression, reference.ends()) {
-            (Regression::Formulas(_), Some(ends)) => {
-                let [unknown, known] = ends.map(|end| self.process(&Features::new(face, end)));
-                Ok(Coefficients(mix(&unknown?.0, &known?.0, reference.known)))
+        match (&self.regression, reference.neutral) {
+            (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
+                let unknown = self.process(&Features::new(face, Reference::MEAN))?;
+                let known = self.process(&Features::new(face, reference.neutral))?;
+                Ok(Coefficients(mix(&unknown.0, &known.0, reference.known)))
             }
             _ => self.process(&Features::new(face, reference)),
         }

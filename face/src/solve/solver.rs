@@ -52,12 +52,10 @@ pub enum SolveError {
 
 /// Turns landmarks into coefficients and remembers what its filters need between frames.
 #[derive(Debug)]
+#[allow(missing_docs, reason = "the types say it")]
 pub struct Solver {
-    /// The fitted regression.
     pub model: Model,
-    /// What is known of the wearer.
     pub profile: Profile,
-    /// How coefficients are shaped before they are sent.
     pub shaping: Shaping,
     /// What is done about the neutral face while the profile has none.
     pub neutral_mode: NeutralMode,

@@ -139,31 +139,4 @@ pub(super) mod tests {
             assert!(cell.iter().all(|value| (value - wanted).abs() < 1e-2), "{position:?}: {}", cell[0]);
         }
     }
-
-    /// The crop around the corners of a box of 96 x 48 samples, whose upper right corner is moved down.
-    fn transform(down: f32) -> Transform {
-        let mesh = [[48.0, 48.0, 0.0], [144.0, 48.0 + down, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]];
-        Transform::around(&mesh, &[0, 1, 2, 3], [0, 1])
-    }
-
-    #[test]
-    fn crop_is_centred_on_the_points_and_1_5_times_as_large_as_their_box() {
-        let ([left, top], [right, bottom]) = (transform(0.0).apply([0.0, 0.0]), transform(0.0).apply([64.0, 64.0]));
-        assert!((right + left - 2.0 * 96.0).abs() < 1e-3 && (bottom + top - 2.0 * 72.0).abs() < 1e-3);
-        assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
-        let [x, y] = transform(32.0).turn_back(transform(32.0).turn([3.0, -2.0]));
-        assert!((x - 3.0).abs() < 1e-4 && (y + 2.0).abs() < 1e-4, "turning back undoes turning: {x} {y}");
-    }
-
-    #[test]
-    fn sampling_a_ramp_gives_its_values_at_the_cells_of_the_crop() {
-        let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
-        transform(0.0).sample(FeatureMap::new(&map()), 7, row.as_flattened_mut());
-        for (left, right) in row[7].into_iter().zip(row[8]) {
-            assert!((right - left - 2.25).abs() < 1e-3, "one cell of the crop is 2.25 cells of the map");
-            // The middle of the crop is 24 cells to the right and 18 down. Row 7 ends half of its height above it.
-            let wanted = (24.0 - 0.5) + 100.0 * (18.0 - 0.5 - 0.5 * 1.125);
-            assert!((f32::midpoint(left, right) - wanted).abs() < 1e-2, "{left} {right}");
-        }
-    }
 }

@@ -22,7 +22,6 @@ pub struct AviSource<R> {
     origin: String,
     /// Number of the first video stream.
     stream: u8,
-    size: [usize; 2],
     rate: FrameRate,
     decoder: JpegDecoder,
     jpeg: Box<[u8]>,
@@ -39,12 +38,12 @@ impl<R: Read> AviSource<R> {
     /// Reads the header. `origin` names the source to the operator. A film that states no rate has the given one.
     pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
         let mut riff = Riff { reader, offset: 0, end: None, has_padding: false };
-        let (stream, size, stated) = riff.read_header()?;
-        let ([width, height], rate, origin) = (size, stated.unwrap_or(rate), origin.to_owned());
+        let (stream, [width, height], stated) = riff.read_header()?;
+        let (rate, origin) = (stated.unwrap_or(rate), origin.to_owned());
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
         let (jpeg_bytes, read, ended, rewind) = (0, 0, false, None);
-        Ok(Self { riff, origin, stream, size, rate, decoder, jpeg, jpeg_bytes, read, ended, rewind })
+        Ok(Self { riff, origin, stream, rate, decoder, jpeg, jpeg_bytes, read, ended, rewind })
     }
 
     /// Makes the film begin again at its end, for ever.
@@ -113,7 +112,7 @@ impl<R: Read> Source for AviSource<R> {
     }
 
     fn describe(&self) -> Description<'_> {
-        let [width, height] = self.size;
+        let [width, height] = self.decoder.size;
         Description { origin: &self.origin, format: "MJPEG", width, height, rate: Some(self.rate) }
     }
 }

@@ -35,7 +35,7 @@ const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 pub struct JpegDecoder {
     decompressor: Decompressor,
     planes: Vec<u8>,
-    size: [usize; 2],
+    pub(super) size: [usize; 2],
     decoded: Option<Subsamp>,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,

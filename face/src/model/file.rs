@@ -420,13 +420,18 @@ pub(super) mod tests {
         content.try_into::<ModelFile>().expect("a file").to_model().map(drop).expect_err(path).to_string()
     }
 
+    /// The text of a table with an entry for each of the first features.
+    pub(in crate::model) fn features(count: usize, entry: fn(FeatureId) -> String) -> String {
+        let entries: Vec<_> = (0..count).filter_map(FeatureId::from_index).map(entry).collect();
+        format!("{{ {} }}", entries.join(", "))
+    }
+
     #[test]
     fn faults_name_the_entry_in_one_line() {
         let input = "{ neutral = 0.0, weights = [inf] }";
         let shape = toml::Value::try_from(BlendshapeTable::default()).expect("TOML").to_string();
-        let names = (0..=MAX_INPUTS).filter_map(FeatureId::from_index);
-        let inputs: Vec<_> = names.map(|id| format!("{id} = {{ neutral = 0.0, weights = [] }}")).collect();
-        let (inputs, units) = (format!("{{ {} }}", inputs.join(", ")), format!("[{}]", "0.0, ".repeat(MAX_HIDDEN + 1)));
+        let inputs = features(MAX_INPUTS + 1, |id| format!("{id} = {{ neutral = 0.0, weights = [] }}"));
+        let units = format!("[{}]", "0.0, ".repeat(MAX_HIDDEN + 1));
         let nothing = "{ inputs = {}, blendshapes = {} }";
         let formulas = format!("{{ neutral_known = {nothing}, neutral_unknown = {nothing} }}");
         let terms = |lift, response| format!("{{ shift = 0.0, slope = 1.0, lift = {lift}, response = {response} }}");

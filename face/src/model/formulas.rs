@@ -231,7 +231,7 @@ impl FormulaTable {
 #[allow(clippy::panic)]
 mod tests {
     use super::*;
-    use crate::model::file::tests::altered;
+    use crate::model::file::tests::{altered, features};
     use crate::model::{BLENDSHAPES, Cases, ModelFile, Regression};
 
     /// A file in which the jaw is `0.1 + 0.2 x + 0.3 y + 0.4 x y + 0.5 y y` of two features `x` and `y`.
@@ -268,9 +268,8 @@ mod tests {
     #[test]
     fn faults_name_the_entry() {
         let jaw = "blendshapes.jawOpen";
-        let names = |count| (0..count).filter_map(FeatureId::from_index).map(|feature| feature.to_string());
-        let weights: String = names(MAX_FORMULA_INPUTS).map(|name| format!("{name} = 1.0, ")).collect();
-        let products: String = names(MAX_MULTIPLIED + 1).map(|name| format!("\"{name}*{name}\" = 1.0, ")).collect();
+        let weights = features(MAX_FORMULA_INPUTS + 1, |name| format!("{name} = 1.0"));
+        let products = features(MAX_MULTIPLIED + 1, |name| format!("\"{name}*{name}\" = 1.0"));
         for (entry, path, value) in [
             (jaw, "blendshapes.jawOpen.kind", "'affine'"),
             (jaw, "blendshapes.jawOpen.offset", "nan"),
@@ -284,8 +283,8 @@ mod tests {
             ("inputs.d13-14", "inputs.d13-14", ""),
             ("y17", "inputs.y17", "[0.0, 0.0]"),
             ("blendshapes.jawLeft", "blendshapes.jawLeft", ""),
-            (jaw, "blendshapes.jawOpen.weights", &format!("{{ {weights}z477 = 1.0 }}")),
-            (jaw, "blendshapes.jawOpen.products", &format!("{{ {products}\"z477*z477\" = 1.0 }}")),
+            (jaw, "blendshapes.jawOpen.weights", &weights),
+            (jaw, "blendshapes.jawOpen.products", &products),
             ("either offsets", "/inputs", "{ y17 = { neutral = 0.0, weights = [] } }"),
         ] {
             let path = path.strip_prefix('/').map_or(format!("formulas.neutral_known.{path}"), str::to_owned);

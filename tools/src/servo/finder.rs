@@ -3,18 +3,18 @@
 use crossterm::event::KeyCode;
 
 /// The pulses that keys reach, microseconds. Nearly all servos stay within them.
-const REACH_US: [i32; 2] = [500, 2500];
+const REACH_US: [f32; 2] = [500.0, 2500.0];
 /// Number of steps by which the keys up and down move.
-const LARGE: i32 = 5;
+const LARGE: f32 = 5.0;
 /// An example, because a channel must follow something and the user has not said yet what.
 const SOURCES: &str = "sources = { jawOpen = 1.0 }   # what the servo follows";
 
 /// The pulse, and the pulses that were taken, microseconds: those of both ends, and the neutral one.
 pub struct Finder {
-    pulse_us: i32,
-    step_us: i32,
+    pulse_us: f32,
+    step_us: f32,
     is_driven: bool,
-    taken_us: [Option<i32>; 3],
+    taken_us: [Option<f32>; 3],
 }
 
 impl Finder {
@@ -26,8 +26,8 @@ impl Finder {
     pub fn press(&mut self, key: KeyCode) {
         let [at_0, at_1, neutral] = &mut self.taken_us;
         match key {
-            KeyCode::Left => self.step(-1),
-            KeyCode::Right => self.step(1),
+            KeyCode::Left => self.step(-1.0),
+            KeyCode::Right => self.step(1.0),
             KeyCode::Down => self.step(-LARGE),
             KeyCode::Up => self.step(LARGE),
             KeyCode::Char('0') => *at_0 = Some(self.pulse_us),
@@ -39,7 +39,7 @@ impl Finder {
     }
 
     /// Moves by this number of steps. The first key that moves only begins the pulses.
-    fn step(&mut self, steps: i32) {
+    fn step(&mut self, steps: f32) {
         if std::mem::replace(&mut self.is_driven, true) {
             let [least, most] = REACH_US;
             self.pulse_us = (self.pulse_us + steps * self.step_us).clamp(least, most);
@@ -48,11 +48,11 @@ impl Finder {
 
     /// The pulse for the servo; `None` while it gets none.
     pub fn pulse_us(&self) -> Option<f32> {
-        self.is_driven.then_some(self.pulse_us as f32)
+        self.is_driven.then_some(self.pulse_us)
     }
 
     pub fn neutral_us(&self) -> Option<f32> {
-        self.taken_us[2].map(|pulse_us| pulse_us as f32)
+        self.taken_us[2]
     }
 
     pub fn status(&self) -> String {
@@ -68,8 +68,7 @@ impl Finder {
         for (name, taken) in ["pulse_at_0_us", "pulse_at_1_us"].iter().zip(self.taken_us) {
             lines.extend(taken.map(|pulse_us| format!("{name} = {pulse_us}\n")));
         }
-        if let [Some(at_0), Some(at_1), Some(neutral)] =
-            self.taken_us.map(|taken| taken.map(|pulse_us| pulse_us as f32))
+        if let [Some(at_0), Some(at_1), Some(neutral)] = self.taken_us
             && at_0 != at_1
         {
             let position = ((neutral - at_0) / (at_1 - at_0)).clamp(0.0, 1.0);

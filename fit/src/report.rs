@@ -40,7 +40,7 @@ pub struct ReportArgs {
 
 /// Applies the model that facewire runs. Its memory and time are divided evenly among the blendshapes.
 fn shipped(kind: &str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<(usize, Fitted)>> {
-    let costs = [(model.size_bytes() / COEFFS) as f64, regression_ns(model, faces, rows)? / COEFFS as f64];
+    let costs = [(model.to_bytes().len() / COEFFS) as f64, regression_ns(model, faces, rows)? / COEFFS as f64];
     let fitted = |(blendshape, predictions): (usize, Vec<f64>)| {
         let truth = faces.truth(blendshape, rows);
         (blendshape, Fitted::new(kind.to_owned(), predictions, &truth, MAX_HIDDEN, costs))

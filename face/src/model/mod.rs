@@ -143,11 +143,6 @@ pub(crate) enum Regression {
 }
 
 impl Model {
-    /// A model without the layer that reads how the face looks, and with the usual corrective terms.
-    pub(crate) fn of(regression: Regression) -> Self {
-        Self { regression, appearance: None, correction: Correction::default() }
-    }
-
     /// The numbers of the model as bytes.
     #[allow(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -156,11 +151,6 @@ impl Model {
 
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(model, _)| model)
-    }
-
-    /// Size of the numbers, bytes.
-    pub fn size_bytes(&self) -> usize {
-        self.to_bytes().len()
     }
 }
 

@@ -81,7 +81,8 @@ fn dot(weights: &[f32], values: &[f32]) -> f32 {
 mod tests {
     use super::*;
     use crate::model::{
-        FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index, signed_logarithm,
+        Correction, FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index,
+        signed_logarithm,
     };
     use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise};
     use crate::testing::face;
@@ -100,7 +101,8 @@ mod tests {
             formulas[JAW_OPEN] = jaw;
             FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
-        Model::of(Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) }))
+        let regression = Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) });
+        Model { regression, appearance: None, correction: Correction::default() }
     }
 
     fn turned() -> Normalised {

@@ -340,7 +340,7 @@ pub fn hidden_layer_trials(samples: &[Sample], faces: &Faces, split: &Split, epo
     eprintln!("hidden layer on all seen pictures");
     let file = train_on(samples, &split.seen, epochs)?;
     let model = file.to_model()?;
-    let bytes = model.size_bytes() / COEFFS;
+    let bytes = model.to_bytes().len() / COEFFS;
     let nanoseconds = regression_ns(&model, faces, &split.held_out)? / COEFFS as f64;
     let predictions = estimates(&model, faces, &split.held_out)?;
     let trial = |(blendshape, (seen, held_out)): (usize, (&Vec<f64>, Vec<f64>))| {

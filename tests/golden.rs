@@ -91,35 +91,37 @@ fn reference(engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
 }
 
 /// Measures and prints how far an engine's landmarks of a film are from MediaPipe's.
-fn measure(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
+fn measure(engine: &str, film: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
     let distance = Distance::between(ours, theirs);
     let Distance { frames, mean_px, worst_px, .. } = distance;
-    let name = engine.name();
-    println!("{name}, {film}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px");
+    println!("{engine}, {film}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px");
     distance
 }
 
 /// Checks the distances, and that both see a face in exactly `frames` frames.
-fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
+fn assert_near(engine: &str, film: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
     let distance = measure(engine, film, ours, theirs);
     let is_near = distance.mean_px <= MEAN_PX && distance.worst_px <= WORST_PX && distance.worst_depth_px <= WORST_PX;
-    assert!(distance.frames == frames && is_near, "{}, {film}: {distance:?}", engine.name());
+    assert!(distance.frames == frames && is_near, "{engine}, {film}: {distance:?}");
 }
 
-/// Every 8th frame of the clip, and every frame where the folder of reference clips exists. `cross/test` names the landmarks
-/// that `facewire track` has found on an emulated processor, which are compared in place of those of this build.
+/// Every 8th frame of the clip, and every frame where the folder of reference clips exists. `cross/test` names a file of
+/// landmarks that `facewire track` has found on an emulated processor, which are compared in place of those of this build.
 #[test]
 fn the_clip_is_as_mediapipe_sees_it() {
-    for engine in &*ENGINES {
-        let tracked = std::env::var_os("FACEWIRE_TRACKED").map(|path| read_npy(Path::new(&path)));
-        let demo = tracked.unwrap_or_else(|| track_demo(&**engine, 240));
+    let golden = read_steps(&project("tests/golden/demo-landmarks.npy"));
+    let assert_near = |engine: &str, demo: Vec<Landmarks>| {
         let ours: Vec<Landmarks> = demo.iter().step_by(8).cloned().collect();
-        let theirs = read_steps(&project("tests/golden/demo-landmarks.npy"));
-        assert_near(&**engine, "every 8th frame of the built-in clip", &ours, &theirs, 30);
+        assert_near(engine, "every 8th frame of the built-in clip", &ours, &golden, 30);
         if let Some(shared) = shared() {
-            let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
-            assert_near(&**engine, "the built-in clip", &demo, &theirs, 240);
+            assert_near(engine, "the built-in clip", &demo, &read_npz(&shared.join("golden/demo-mediapipe.npz")), 240);
         }
+    };
+    if let Some(tracked) = std::env::var_os("FACEWIRE_TRACKED") {
+        return assert_near("on an emulated processor", read_npy(Path::new(&tracked)));
+    }
+    for engine in &*ENGINES {
+        assert_near(&engine.name(), track_demo(&**engine, 240));
     }
 }
 
@@ -127,7 +129,7 @@ fn the_clip_is_as_mediapipe_sees_it() {
 fn a_person_who_speaks_is_as_mediapipe_sees_it() {
     for engine in ENGINES.iter().map(|engine| &**engine) {
         let Some([ours, theirs]) = reference(engine, "single_face.mp4") else { return };
-        assert_near(engine, "a person who speaks", &ours, &theirs, 72);
+        assert_near(&engine.name(), "a person who speaks", &ours, &theirs, 72);
     }
 }
 
@@ -143,7 +145,7 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_them() {
         assert!(!theirs_changes.is_empty() && ours_changes.len() == theirs_changes.len(), "{changes:?}");
         let mut pairs = ours_changes.iter().zip(theirs_changes);
         assert!(pairs.all(|(a, b)| a.abs_diff(*b) <= FRAMES_APART), "{}: {changes:?}", engine.name());
-        let distance = measure(engine, "a person who leaves", &ours, &theirs);
+        let distance = measure(&engine.name(), "a person who leaves", &ours, &theirs);
         println!("the face appears or disappears in frames {ours_changes:?}, with MediaPipe in {theirs_changes:?}");
         assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{}: {distance:?}", engine.name());
     }

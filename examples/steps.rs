@@ -1,5 +1,5 @@
-//! Runs one step of a frame a number of times and prints its time; with `COLD=1` after other data filled the caches. Under callgrind or an emulator that counts
-//! instructions, the difference of two numbers of runs is what one run takes.
+//! Runs one step of a frame a number of times and prints its time; with `COLD=1` after other data filled the caches. Under
+//! callgrind or an emulator that counts instructions, the difference of two numbers of runs is what one run takes.
 //!
 //! - `steps crop FORMAT SIZE ANGLE TIMES`: a region of SIZE px, turned by ANGLE degrees, in a picture of 640 x 480 whose
 //!   FORMAT is yuyv, nv12, grey or planar

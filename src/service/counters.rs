@@ -1,5 +1,5 @@
-//! The counters that all threads share, in fixed memory, and without a lock in those that process and send frames. [`Counters::rows`] is the one table from
-//! which the status line and the metrics page are made.
+//! The counters that all threads share, in fixed memory, and without a lock in those that process and send frames.
+//! [`Counters::rows`] is the one table from which the status line and the metrics page are made.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};

@@ -105,6 +105,9 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
+    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise};
+    use crate::testing::face;
+    use crate::track::Face;
 
     const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
     const JAW_OPEN: usize = 17;
@@ -201,5 +204,19 @@ mod tests {
         for wrong in [f32::NAN, f32::INFINITY, 1e9] {
             assert_eq!(residual(wrong, 1.0), Err(SolveError::Absurd), "{wrong}");
         }
+    }
+
+    #[test]
+    fn solver_adds_the_residual_which_landmarks_alone_do_not_have() {
+        let (landmarks, camera) = (face([0.0; 3], 80.0, [320.0, 240.0]), Camera::new([640.0, 480.0], 60.0));
+        // The face has few points, so only displacements from itself are sensible.
+        let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
+        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
+        let mut solver = Solver::new(model, Profile { neutral, ..Profile::default() }, Shaping::only(Filters::OFF));
+        let [alone, both] = [None, Some(&appearance(6.0))].map(|appearance| {
+            let face = Face { landmarks: &landmarks, appearance };
+            solver.solve(face, &camera, 0).expect("a face").raw.0[CHEEK_PUFF]
+        });
+        assert!((both - alone - 0.9).abs() < 1e-5, "{alone} {both}");
     }
 }

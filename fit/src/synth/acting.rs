@@ -11,7 +11,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::Distribution;
 use rand_distr::weighted::WeightedIndex;
 
-use super::anatomy::{Gaze, Region, constrain, joined, mirrored, open_for_closed_lips, partner, weaken_side};
+use super::anatomy::{
+    CONVERGENCE, Gaze, Region, constrain, joined, mirrored, open_for_closed_lips, partner, weaken_side,
+};
 use super::expression::Coefficients;
 use crate::design::{find, index_of};
 
@@ -20,6 +22,8 @@ const TRACE: f32 = 0.15;
 /// Probability that the partner of a random shape moves, too, and the factor on its strength.
 const PAIRED: f64 = 0.6;
 const PARTNER_SCALE: Range<f32> = 0.7..1.3;
+/// Share of the faces of [`Kind::Gaze`] that look nearly straight ahead, as people mostly do.
+const SMALL_LOOKS: f64 = 0.4;
 /// Number of shapes that are added to a composed face, and that a grimace consists of.
 const ADDED: RangeInclusive<usize> = 1..=4;
 const GRIMACE: RangeInclusive<usize> = 6..=16;
@@ -40,6 +44,8 @@ pub enum Kind {
     Single,
     /// Three to six random shapes
     Combined,
+    /// A recorded face whose eyes look anywhere in their range
+    Gaze,
     /// No expression, to teach what turning the head alone looks like
     Rest,
 }
@@ -74,6 +80,7 @@ impl Expressions {
             Kind::Grimace => grimace(rng),
             Kind::Single => self.single(rng),
             Kind::Combined => combined(rng),
+            Kind::Gaze => self.moments.looking(rng),
             Kind::Halves => self.moments.halves(rng),
             Kind::Rest => [0.0; COEFFS],
         };
@@ -200,6 +207,18 @@ impl Moments {
         let mouth = if rng.random() { self.spoken(rng) } else { self.spoken_over_a_trace(rng) };
         Region::Mouth.copy(&mouth, &mut face);
         shift_gaze(rng, &mut face, 0.5);
+        face
+    }
+
+    /// Returns a calm face whose lids may be lowered, and whose eyes look anywhere.
+    fn looking(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let source = self.source(rng);
+        let mut face = scaled(rng, source, CALM);
+        let lowered = rng.random_range(-1.0..0.6_f32).max(0.0);
+        raise(rng, &mut face, index_of("eyeBlinkLeft"), lowered);
+        let spread = if rng.random_bool(SMALL_LOOKS) { 0.25 } else { 1.0 };
+        let [left, up] = [(); 2].map(|()| spread * rng.random_range(-1.0..1.0));
+        Gaze { left, up, convergence: rng.random_range(0.0..CONVERGENCE) }.set(&mut face);
         face
     }
 

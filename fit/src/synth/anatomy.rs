@@ -13,7 +13,7 @@ use crate::design::index_of;
 
 const ACTIVE: f32 = 0.3;
 /// Largest convergence of the eyes, as a share of `eyeLookIn`. Recorded eyes converge by 0.05.
-const CONVERGENCE: f32 = 0.12;
+pub const CONVERGENCE: f32 = 0.12;
 /// Pairs of shapes that are not active together on a real face.
 const EXCLUSIVE: [(&str, &str); 10] = [
     ("eyeBlinkLeft", "eyeWideLeft"),

@@ -11,7 +11,7 @@ use crate::design::index_of;
 pub type Coefficients = [f32; COEFFS];
 
 /// Rotation of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
-const GAZE_DEG: [f32; 2] = [34.7, 31.9];
+pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
 pub struct Deformer {
     drivers: Vec<(usize, usize, f32)>,

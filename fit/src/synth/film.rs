@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use facewire_face::BLENDSHAPES;
 use glam::{Vec2, Vec3};
@@ -19,6 +19,7 @@ use crate::output;
 
 /// Limit on the length of a clip, longer than any recording.
 const MOST_SECONDS: i64 = 3600;
+const SECONDS: u32 = 8;
 /// Numbers of people from here on are used in films only.
 const FILM_PEOPLE: u64 = 1 << 40;
 const SHUTTER: f32 = 0.4;
@@ -27,6 +28,7 @@ const SHUTTER: f32 = 0.4;
 #[command(after_help = "Examples:
   facewire-fit film clip.avi --truth clip.csv --seconds 10
   facewire-fit film clips --count 20 --seconds 10      clips/01.avi, clips/01.csv, ...
+  facewire-fit film gaze --count 20 --script gaze --seconds 10
   facewire-fit film wearers --count 20 --script wearer  wearers/01.avi, wearers/01.csv, wearers/01.parts.csv, ...
   facewire track clip.avi --neutral 0..15 --out track.csv")]
 pub struct Options {
@@ -44,9 +46,9 @@ pub struct Options {
     /// What the person does
     #[arg(long, value_enum, default_value = "recordings")]
     script: Script,
-    /// Length of a clip of recordings in seconds. It starts with half a second of the neutral face
-    #[arg(long, default_value_t = 8, conflicts_with = "script", value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
-    seconds: u32,
+    /// Length of a clip in seconds [default: 8]. It starts with half a second of the neutral face. That of a wearer is fixed
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
+    seconds: Option<u32>,
     /// Set of textures and recordings to use
     #[arg(long, value_enum, default_value = "judge")]
     set: Set,
@@ -62,6 +64,10 @@ pub struct Options {
 
 pub fn run(options: &Options) -> Result<()> {
     let files = files(options)?;
+    ensure!(
+        options.script != Script::Wearer || options.seconds.is_none(),
+        "the length of a wearer's clip is fixed: leave out --seconds"
+    );
     files.iter().flatten().try_for_each(|path| output::check(path))?;
     let recordings = options.sources.curves.recordings(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
@@ -71,7 +77,11 @@ pub fn run(options: &Options) -> Result<()> {
     let shoot = |(number, [film, truth]): (usize, &[PathBuf; 2])| -> Result<()> {
         let person = [options.set.seed(options.seed), FILM_PEOPLE + number as u64];
         let mut subject = Subject::random(&assets, &variety, size, person);
-        let parts = options.script.parts(&mut subject.rng, &recordings, (options.seconds * RATE) as usize)?;
+        let parts = options.script.parts(
+            &mut subject.rng,
+            &recordings,
+            (options.seconds.unwrap_or(SECONDS) * RATE) as usize,
+        )?;
         let specs = specs(&mut subject, &parts);
         let mut imager = Imager::new(size, MOST_SAMPLES)?;
         let pictures = specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec));

@@ -11,13 +11,13 @@
 //! no tear film, pores or single hairs, and eyes, teeth and lips are where the rig has them.
 
 mod acting;
-mod anatomy;
+pub mod anatomy;
 mod archive;
 mod assets;
 mod camera;
 mod canvas;
 pub mod describe;
-mod expression;
+pub mod expression;
 pub mod film;
 mod options;
 mod paint;

@@ -146,7 +146,7 @@ impl Set {
 }
 
 /// The kinds of expressions for fitting and for judging, unless `--mix` is given.
-const TRAIN_MIX: [Share; 8] = [
+const TRAIN_MIX: [Share; 9] = [
     (Kind::Halves, 40.0),
     (Kind::Recorded, 6.0),
     (Kind::Composed, 12.0),
@@ -154,6 +154,7 @@ const TRAIN_MIX: [Share; 8] = [
     (Kind::Grimace, 10.0),
     (Kind::Single, 9.0),
     (Kind::Combined, 4.0),
+    (Kind::Gaze, 12.0),
     (Kind::Rest, 15.0),
 ];
 const JUDGE_MIX: [Share; 2] = [(Kind::Halves, 92.0), (Kind::Rest, 8.0)];
@@ -168,7 +169,7 @@ pub struct Curves {
 #[derive(Debug, Clone, Args)]
 pub struct MixOptions {
     /// Relative frequencies of the kinds of expressions, like recorded=3,rest=1; kinds that are not named do not
-    /// occur [default: halves=40,recorded=6,composed=12,speech=4,grimace=10,single=9,combined=4,rest=15 for fitting,
+    /// occur [default: halves=40,recorded=6,composed=12,speech=4,grimace=10,single=9,combined=4,gaze=12,rest=15 for fitting,
     /// halves=92,rest=8 for judging]
     #[arg(long, value_delimiter = ',', num_args = 1, value_name = "KIND=SHARE,...", value_parser = share)]
     mix: Vec<Share>,

@@ -39,8 +39,8 @@ pub struct Looks {
     /// Offset of the brows' inner and outer end in centimetres, positive upwards.
     pub brow_lift: [f32; 2],
     pub brow_thickness: f32,
-    /// Radius of the iris relative to the eyeball's.
-    pub iris: f32,
+    /// Radius of the iris relative to the eyeball's, and its lightness relative to the texture's.
+    pub iris: [f32; 2],
     pub lashes: f32,
     /// Colour of the clothes and height of their collar in centimetres.
     pub cloth: (Vec3, f32),
@@ -228,10 +228,16 @@ pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, [skins, brows, eyes]:
             [inner, inner + normal(rng, 0.22, 0.5)]
         },
         brow_thickness: rng.random_range(1.0..1.9),
-        iris: rng.random_range(0.355..0.42),
+        iris: [rng.random_range(0.355..0.42), iris_lightness(rng, assets.skins[skin].lightness)],
         lashes: rng.random_range(0.05..0.5),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
     }
+}
+
+/// Draws the lightness of the iris: most people have dark eyes, and those with a dark skin nearly always.
+fn iris_lightness(rng: &mut ChaCha8Rng, skin_lightness: f32) -> f32 {
+    let dark = if skin_lightness < DARK_SKIN { 0.95 } else { 0.6 };
+    if rng.random_bool(dark) { rng.random_range(0.1..0.45) } else { rng.random_range(0.45..1.0) }
 }
 
 fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {

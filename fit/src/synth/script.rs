@@ -11,8 +11,8 @@ use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::acting::{APART, HALVES_SCALE, with_upper};
-use super::anatomy::{enforce_limits, mirrored};
-use super::expression::Coefficients;
+use super::anatomy::{Gaze, enforce_limits, mirrored};
+use super::expression::{Coefficients, GAZE_DEG};
 use super::rig::{piecewise, smoothstep};
 use crate::design::{find, index_of};
 
@@ -20,6 +20,8 @@ use crate::design::{find, index_of};
 pub enum Script {
     /// A face that follows recordings, after half a second at rest
     Recordings,
+    /// The same face, but the eyes look at one point after another, up to 30 degrees to the sides and 20 up and down
+    Gaze,
     /// A wearer: at rest under three lights, the takes of a calibration, a minute of recordings to learn from and 20
     /// seconds to judge, blinks, winks, and a turned head. The length is fixed, and NAME.parts.csv tells where each part is
     Wearer,
@@ -88,16 +90,41 @@ const FADE_S: f32 = 0.5;
 impl Script {
     pub fn parts(self, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Part>> {
         match self {
-            Self::Recordings => {
-                let faces = random_curves(rng, recordings, count)?.into_iter().enumerate();
+            Self::Recordings | Self::Gaze => {
+                let mut faces = random_curves(rng, recordings, count)?;
+                if self == Self::Gaze {
+                    look_around(rng, &mut faces);
+                }
                 let moment = |(number, face): (usize, Coefficients)| {
                     let share = smoothstep(START_S[0], START_S[1], number as f32 / RATE as f32);
                     Moment { sway: share, ..at_rest(face.map(|value| share * value)) }
                 };
-                Ok(vec![Part { name: "recordings", moments: faces.map(moment).collect() }])
+                Ok(vec![Part { name: "recordings", moments: faces.into_iter().enumerate().map(moment).collect() }])
             }
             Self::Wearer => wearer(rng, recordings),
         }
+    }
+}
+
+/// The farthest that eyes look to the sides, and up and down, as shares of their range.
+const FARTHEST: [f32; 2] = [30.0 / GAZE_DEG[0], 20.0 / GAZE_DEG[1]];
+const FIXATION_S: Range<f32> = 0.25..1.2;
+const SACCADE_S: f32 = 0.05;
+
+/// Makes the eyes rest on one point after another.
+fn look_around(rng: &mut ChaCha8Rng, faces: &mut [Coefficients]) {
+    let mut knots = [vec![(0.0, 0.0)], vec![(0.0, 0.0)]];
+    let mut begin_s = START_S[1];
+    while begin_s < faces.len() as f32 / RATE as f32 {
+        for (knots, farthest) in knots.iter_mut().zip(FARTHEST) {
+            let (_, last) = knots[knots.len() - 1];
+            knots.extend([(begin_s, last), (begin_s + SACCADE_S, rng.random_range(-farthest..farthest))]);
+        }
+        begin_s += rng.random_range(FIXATION_S);
+    }
+    for (frame, face) in faces.iter_mut().enumerate() {
+        let [left, up] = [0, 1].map(|axis: usize| piecewise(&knots[axis], frame as f32 / RATE as f32));
+        Gaze { left, up, ..Gaze::of(face) }.set(face);
     }
 }
 

@@ -63,10 +63,17 @@ fn linear(colour: Vec3A) -> Vec3A {
 const CENTRE: Vec2 = Vec2::new(0.288, 1.0 - 0.708);
 const IRIS: f32 = 0.115;
 
+/// Where the dark ring around an iris begins, relative to the radius of the iris, and how much light it takes.
+const RING: (f32, f32) = (0.75, 0.6);
+
 /// Returns the colour of an eye at an offset from the centre of the ball. The offset and the radius `iris` are relative to
-/// the radius of the ball.
-pub fn eye_colour(texture: &Texture, offset: Vec2, iris: f32) -> Vec3 {
-    texture.light(CENTRE + offset * (IRIS / iris)).into()
+/// the radius of the ball; `lightness` is that of the iris relative to the texture's.
+pub fn eye_colour(texture: &Texture, offset: Vec2, [iris, lightness]: [f32; 2]) -> Vec3 {
+    let colour = Vec3::from(texture.light(CENTRE + offset * (IRIS / iris)));
+    let radius = offset.length() / iris;
+    let iris_light = lightness * (1.0 - RING.1 * smoothstep(RING.0, 1.0, radius));
+    let white = smoothstep(0.97, 1.05, radius);
+    colour * (iris_light + white * (1.0 - iris_light))
 }
 
 /// Returns the offset of every eyeball vertex from its ball's centre, relative to the ball's radius, for eyes that look

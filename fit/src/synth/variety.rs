@@ -161,7 +161,7 @@ pub enum Factor {
     Tint,
     /// Strength of the skin's highlights
     Gloss,
-    /// Size of the iris, and lashes
+    /// Size and lightness of the iris, and lashes
     Eyes,
     /// Shapes in the backdrop
     Backdrop,
@@ -227,7 +227,7 @@ impl Without {
                 F::Hair => looks.hair = None,
                 F::Tint => looks.tint = Vec3::ONE,
                 F::Gloss => looks.gloss = 1.0,
-                F::Eyes => (looks.iris, looks.lashes) = (0.39, 0.15),
+                F::Eyes => (looks.iris, looks.lashes) = ([0.39, 1.0], 0.15),
                 _ => {}
             }
         }

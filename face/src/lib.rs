@@ -25,7 +25,7 @@ pub use infer::{Engine, EngineChoice, InferError, engine};
 pub use model::{Model, ModelError};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use solve::{
-    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Group, HeadPose, MAX_REST, Neutral,
+    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Neutral,
     NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, yaw_pitch_roll_deg,
 };
 pub use track::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};

@@ -54,12 +54,6 @@ impl Arrays {
     }
 }
 
-pub fn npy_floats(path: &Path, shape: &[usize]) -> Result<Vec<f32>> {
-    let label = path.display().to_string();
-    let array = NpyFile::new(open(path)?).with_context(|| format!("{label} is not a NumPy array (.npy)"))?;
-    finite(values(array, shape, "float32", &label)?, shape, &label)
-}
-
 fn open(path: &Path) -> Result<BufReader<File>> {
     File::open(path).map(BufReader::new).with_context(|| format!("cannot open {}", path.display()))
 }
@@ -160,6 +154,5 @@ pub mod tests {
         assert!(refusal(arrays.floats("subject", &[])).contains("faces.npz: subject is not float32"));
         std::fs::write(&path, "text").expect("written");
         assert!(Arrays::open(&path).is_err_and(|error| format!("{error:#}").contains("faces.npz is not a NumPy")));
-        assert!(refusal(npy_floats(&path, &[3])).contains("faces.npz is not a NumPy array"));
     }
 }

@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{FEATURES, MEASURES};
-use facewire_face::stages::{MIRRORED, normalise};
+use facewire_face::stages::{Coefficients, MIRRORED, normalise};
 use facewire_face::{BLENDSHAPES, LANDMARKS, Landmarks};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -65,6 +65,11 @@ impl<'a> Design<'a> {
             let feature = features[row];
             (self.value(faces[column], feature) - scale.mean[feature]) / scale.deviation[feature]
         })
+    }
+
+    /// Returns the true coefficients of a face.
+    pub fn coefficients(&self, face: usize) -> Coefficients {
+        Coefficients(self.samples[face % self.samples.len()].truth.map(|value| value as f32))
     }
 
     pub fn truth(&self, faces: &[usize]) -> DMatrix<f32> {

@@ -161,13 +161,13 @@ mod tests {
 
     #[test]
     fn the_shipped_model_correlates_on_faces_that_the_fit_never_saw() {
-        assert_correlates(&test_faces(), [(true, 0.70, 0.013), (false, 0.67, 0.0145)]);
+        assert_correlates(&test_faces(), [(true, 0.72, 0.013), (false, 0.68, 0.015)]);
     }
 
     #[test]
     fn the_shipped_model_correlates_on_faces_of_another_renderer_and_tracker() {
         let Some(path) = reference::shared("dataset/train.npz") else { return };
         let samples = dataset::load(&path).expect("a dataset");
-        assert_correlates(&samples, [(true, 0.67, 0.012), (false, 0.62, 0.0145)]);
+        assert_correlates(&samples, [(true, 0.68, 0.0125), (false, 0.62, 0.0155)]);
     }
 }

@@ -12,6 +12,7 @@ mod design;
 mod drawing;
 mod evaluate;
 mod faces;
+mod gaze;
 mod judge;
 mod kinds;
 mod network;
@@ -69,20 +70,6 @@ enum Command {
     Report(report::ReportArgs),
     /// Rank the features of every blendshape by correlation, partial F and support vectors, as one HTML page
     Select(segments::SelectArgs),
-    /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
-    Clip {
-        /// Landmarks of every frame: a .npy file of `facewire track --landmarks`, or an npz archive with `landmarks`
-        landmarks: PathBuf,
-        /// CSV file of the true curves, one row per frame
-        #[arg(long)]
-        truth: Option<PathBuf>,
-        /// Number of frames at the start of the clip in which the face is at rest
-        #[arg(long, default_value_t = 1)]
-        neutral_frames: usize,
-        /// A model to judge instead of the built-in one
-        #[arg(long)]
-        model: Option<PathBuf>,
-    },
     /// Render faces with known coefficients, find their landmarks, and write them as a dataset
     Synth(synth::run::Options),
     /// Compare the expressions that `synth` draws with recorded ones, as one HTML page
@@ -115,9 +102,6 @@ fn run(command: Command) -> Result<()> {
         Command::Judge(args) => judge::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Select(args) => segments::run(&args),
-        Command::Clip { landmarks, truth, neutral_frames, model } => {
-            clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
-        }
         Command::Synth(options) => synth::run::run(&options),
         Command::Expressions(options) => synth::describe::run(&options),
         Command::Tune(command) => tune::run(&command),
@@ -146,25 +130,4 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
 fn pictures_of(dataset: &Path) -> String {
     let text = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
     text.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default()
-}
-
-fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
-    let (model, frames) = (judge::load_model(model)?, curves::load_landmarks(landmarks)?);
-    let known = curves::solve(&model, &frames, Some(0..neutral_frames), curves::FRAME_US)?;
-    let unknown = curves::solve(&model, &frames, None, curves::FRAME_US)?;
-    for (name, solved) in [("known", &known), ("not known", &unknown)] {
-        let [raw, smoothed] = curves::jitters(solved);
-        println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");
-    }
-    let [p50, p99] = curves::cost_us(&model, &frames)?;
-    println!("solver, landmarks to smoothed coefficients and head pose: p50 {p50:.1}, p99 {p99:.1} microseconds");
-    let [p50, p99] = curves::regression_us(&model, &frames)?;
-    println!("regression alone: p50 {p50:.1}, p99 {p99:.1} microseconds");
-    let Some(path) = truth else { return Ok(()) };
-    let truth = curves::Truth::load(path)?;
-    truth.fits(path, frames.len())?;
-    print!("{}", curves::table(&truth, &known, &unknown).text());
-    let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &known);
-    println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
-    Ok(())
 }

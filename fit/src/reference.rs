@@ -1,4 +1,4 @@
-//! Data for tests: a small rig and the built-in clip's truth, which the repository contains, and data that it does not.
+//! Data for tests: a small rig, which the repository contains, and data that it does not.
 
 #[path = "../../tests/common/skip.rs"]
 mod skip;
@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 pub use skip::skip;
 
 pub const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/rig");
-pub const DEMO_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-truth.csv");
 
 /// Returns a file in the folder named by `FACEWIRE_SHARED`, or `shared` beside the checkout. If it is missing, notes that
 /// the calling test was skipped.

@@ -13,6 +13,7 @@ use crate::appearance;
 use crate::dataset::{Appearances, Sample, held_out};
 use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
 use crate::faces::{self, Faces};
+use crate::gaze;
 use crate::network::{Network, Training, TrainingData, Units, importance, number, numbers, rounded};
 
 const SELECTED: usize = 140;
@@ -41,7 +42,9 @@ pub fn train(
     );
     let mut file = {
         let seen = with_mirrored(samples)?;
-        fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
+        let design = Design::new(&seen)?;
+        let gaze = gaze::fit(&design, &Scale::of(&design, LEAST_FEATURE))?;
+        ModelFile { gaze: Some(gaze), ..fit(&design, epochs, ModelFile::new(made_by, fitted_on))? }
     };
     if let Some(appearances) = appearances {
         file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);

@@ -51,8 +51,8 @@ section! {
     SmoothingSettings {
         lids: FilterKind = FilterKind::GatedAverage, choice();
         lids_ms: u32 = 350, whole(0..=350, " (ms)");
-        gaze: FilterKind = FilterKind::Kalman, choice();
-        gaze_ms: u32 = 200, whole(0..=350, " (ms)");
+        gaze: FilterKind = FilterKind::GatedAverage, choice();
+        gaze_ms: u32 = 100, whole(0..=350, " (ms)");
         brows: FilterKind = FilterKind::GatedAverage, choice();
         brows_ms: u32 = 350, whole(0..=350, " (ms)");
         mouth: FilterKind = FilterKind::GatedAverage, choice();

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceLayer, BLENDSHAPES, COEFFS, Cases,
-    Correction, CorrectiveTerms, FeatureId, FormulaSetTable, HiddenLayer, Input, MAX_HIDDEN, MAX_INPUTS, Model,
-    ModelError, Output, Regression,
+    Correction, CorrectiveTerms, FeatureId, FormulaSetTable, GazeInput, GazeLayer, HiddenLayer, Input, MAX_HIDDEN,
+    MAX_INPUTS, Model, ModelError, Output, Regression,
 };
 
 /// The format of model files that this program reads.
@@ -62,6 +62,14 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
 /// neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
 ///
+/// [gaze.offsets]              # may be missing: the map from points of the eyes to yaw and pitch in degrees
+/// neutral_known = [0.0, 0.1]
+/// neutral_unknown = [0.2, 1.0]
+///
+/// [gaze.inputs.x468]          # the mean of a feature over neutral faces, and its weights
+/// neutral = -0.5
+/// weights = [120.5, 0.3]
+///
 /// [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
 /// shift = -0.02               # beta
 /// slope = 1.05                # 1 - gamma
@@ -84,6 +92,8 @@ pub struct ModelFile {
     pub formulas: Option<Cases<FormulaSetTable>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gaze: Option<GazeTable>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, CorrectiveTerms>,
 }
@@ -110,6 +120,30 @@ pub struct BlendshapeTable {
     pub neutral_unknown: ScoreTable,
     pub offset: f64,
     pub weights: Vec<f64>,
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GazeTable {
+    pub offsets: Cases<Vec<f64>>,
+    pub inputs: BTreeMap<String, InputTable>,
+}
+
+impl GazeTable {
+    fn to_layer(&self) -> Result<GazeLayer, ModelError> {
+        let input = |(name, table): (&String, &InputTable)| {
+            let entry = format!("gaze.inputs.{name}");
+            let (feature, neutral) = (feature("gaze.inputs", name)?, finite(&entry, table.neutral)?);
+            Ok(GazeInput { feature, neutral, weights: row(&entry, &table.weights)? })
+        };
+        Ok(GazeLayer {
+            inputs: self.inputs.iter().map(input).collect::<Result<_, ModelError>>()?,
+            offsets: Cases {
+                neutral_known: row("gaze.offsets.neutral_known", &self.offsets.neutral_known)?,
+                neutral_unknown: row("gaze.offsets.neutral_unknown", &self.offsets.neutral_unknown)?,
+            },
+        })
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -198,7 +232,8 @@ impl ModelFile {
     /// Checks every name and number and lays the numbers out for the solver. [`ModelError::Invalid`] names the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
         let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
-        Ok(Model { appearance, correction: self.correction()?, regression: self.regression()? })
+        let gaze = self.gaze.as_ref().map(GazeTable::to_layer).transpose()?;
+        Ok(Model { appearance, gaze, correction: self.correction()?, regression: self.regression()? })
     }
 
     pub(super) fn regression(&self) -> Result<Regression, ModelError> {

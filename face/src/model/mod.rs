@@ -10,7 +10,7 @@ use std::{io, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{BLENDSHAPES, COEFFS, LANDMARKS};
-pub use file::{AppearanceTable, BlendshapeTable, InputTable, ModelFile, ResidualRow, ScoreTable};
+pub use file::{AppearanceTable, BlendshapeTable, GazeTable, InputTable, ModelFile, ResidualRow, ScoreTable};
 #[cfg(test)]
 pub(crate) use formulas::ScaledInput;
 pub(crate) use formulas::{Formula, FormulaSet, MAX_PRODUCTS};
@@ -20,7 +20,7 @@ pub use formulas::{
 };
 
 /// Most units of the hidden layer.
-pub const MAX_HIDDEN: usize = 120;
+pub const MAX_HIDDEN: usize = 192;
 /// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units they make a model of 256 KiB.
 pub const MAX_INPUTS: usize = 470;
 /// Units of the layer that reads how a face looks.
@@ -122,6 +122,8 @@ pub struct Model {
     pub(crate) regression: Regression,
     /// The layer that reads how the face looks.
     pub(crate) appearance: Option<AppearanceLayer>,
+    /// The map from points of the eyes to where they look.
+    pub(crate) gaze: Option<GazeLayer>,
     /// The corrective terms.
     pub correction: Correction,
 }
@@ -184,6 +186,21 @@ pub(crate) struct AppearanceLayer {
     pub(crate) scales: [f32; APPEARANCE_UNITS],
     pub(crate) offsets: [f32; APPEARANCE_UNITS],
     pub(crate) outputs: Cases<Output>,
+}
+
+/// A map `W x + a` from points of the eyes to yaw and pitch in degrees, with `a` as in [`HiddenLayer`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct GazeLayer {
+    pub(crate) inputs: Box<[GazeInput]>,
+    pub(crate) offsets: Cases<[f32; 2]>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct GazeInput {
+    pub(crate) feature: FeatureId,
+    /// Mean of the feature over neutral faces.
+    pub(crate) neutral: f32,
+    pub(crate) weights: [f32; 2],
 }
 
 /// From the units of a layer to blendshapes: `V h + b`.

@@ -102,7 +102,7 @@ mod tests {
             FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
         let regression = Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) });
-        Model { regression, appearance: None, correction: Correction::default() }
+        Model { regression, appearance: None, gaze: None, correction: Correction::default() }
     }
 
     fn turned() -> Normalised {
@@ -175,7 +175,10 @@ mod tests {
         let jaw = |known| model.process(&Features { known, ..features.clone() }).expect("finite").0[JAW_OPEN];
         assert!((jaw(0.0) - jaw(1.0) - 0.2).abs() < 1e-6);
         let neutral = Neutral::from_points(&face.points).expect("a neutral face");
-        let jaw = |known| model.solve(&face, Reference::between(&neutral, known)).expect("finite").0[JAW_OPEN];
+        let jaw = |known| {
+            let reference = Reference::between(&neutral, known);
+            model.solve(&face, &Features::new(&face, reference), reference).expect("finite").0[JAW_OPEN]
+        };
         assert!((jaw(0.0) - jaw(1.0)).abs() > 0.05);
         assert!((jaw(0.25) - (0.75 * jaw(0.0) + 0.25 * jaw(1.0))).abs() < 1e-6);
     }

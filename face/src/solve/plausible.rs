@@ -156,8 +156,8 @@ const fn index_of(name: &str) -> usize {
     }
 }
 
-const BLINKS: [usize; 2] = [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")];
-const GAZE: [[usize; 4]; 2] = [
+pub(super) const BLINKS: [usize; 2] = [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")];
+pub(super) const GAZE: [[usize; 4]; 2] = [
     [index_of("eyeLookDownLeft"), index_of("eyeLookInLeft"), index_of("eyeLookOutLeft"), index_of("eyeLookUpLeft")],
     [index_of("eyeLookDownRight"), index_of("eyeLookInRight"), index_of("eyeLookOutRight"), index_of("eyeLookUpRight")],
 ];
@@ -175,11 +175,11 @@ const OPPOSED: [[usize; 2]; 8] = [
     [index_of("mouthLeft"), index_of("mouthRight")],
 ];
 
-fn pick<const N: usize>(values: &[f32; COEFFS], places: [usize; N]) -> [f32; N] {
+pub(super) fn pick<const N: usize>(values: &[f32; COEFFS], places: [usize; N]) -> [f32; N] {
     places.map(|place| values.get(place).copied().unwrap_or(0.0))
 }
 
-fn put<const N: usize>(values: &mut [f32; COEFFS], places: [usize; N], new: [f32; N]) {
+pub(super) fn put<const N: usize>(values: &mut [f32; COEFFS], places: [usize; N], new: [f32; N]) {
     for (place, new) in places.into_iter().zip(new) {
         if let Some(value) = values.get_mut(place) {
             *value = new;

@@ -22,15 +22,20 @@ impl Model {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
-    /// Computes the coefficients of a face, measured from `reference`. Does not allocate.
-    pub(crate) fn solve(&self, face: &Normalised, reference: Reference) -> Result<Coefficients, SolveError> {
+    /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
+    pub(crate) fn solve(
+        &self,
+        face: &Normalised,
+        features: &Features,
+        reference: Reference,
+    ) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
             (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
                 let unknown = self.process(&Features::new(face, Reference::MEAN))?;
                 let known = self.process(&Features::new(face, reference.neutral))?;
                 Ok(Coefficients(mix(&unknown.0, &known.0, reference.known)))
             }
-            _ => self.process(&Features::new(face, reference)),
+            _ => self.process(features),
         }
     }
 

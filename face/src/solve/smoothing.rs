@@ -34,7 +34,7 @@ impl Group {
     /// The size of a change that is no longer small, in good light; found by `facewire-fit tune smoothing`.
     fn noise_size(self) -> f32 {
         match self {
-            Self::Gaze => 0.136,
+            Self::Gaze => 0.028,
             Self::Brows => 0.096,
             Self::Mouth => 0.056,
             Self::Lids | Self::Jaw => 0.05,

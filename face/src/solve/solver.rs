@@ -6,9 +6,9 @@ use facewire_packet::NeutralFace;
 use thiserror::Error;
 
 use super::{
-    Adjustments, COEFFS, Camera, Coefficients, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode, Reference,
-    Rules, correct, mirror_image, neutral_estimate::NeutralEstimate, normalise, output::Crossfade,
-    plausible::GazeState,
+    Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
+    Reference, Rules, correct, gaze::Offset, mirror_image, neutral_estimate::NeutralEstimate, normalise,
+    output::Crossfade, plausible::GazeState,
 };
 use crate::track::Face;
 
@@ -98,6 +98,7 @@ impl Shaping {
 #[derive(Debug, Default)]
 struct History {
     estimate: NeutralEstimate,
+    gaze_offset: Offset,
     gaze: GazeState,
     filters: FiltersState,
     crossfade: Crossfade,
@@ -121,7 +122,9 @@ impl Solver {
         let face = normalise(landmarks)?;
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
-        let mut raw = self.model.solve(&face, reference)?;
+        let features = Features::new(&face, reference);
+        let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
+        let mut raw = self.model.solve(&face, &features, reference)?;
         if let Some(residual) = self.model.residual(appearance, reference.known)? {
             raw = raw.plus(&residual);
         }
@@ -134,6 +137,9 @@ impl Solver {
         let step_s = self.history.step_s(time_us);
         if calibrated.is_none() {
             self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
+        }
+        if let Some(turns_deg) = turns_deg {
+            self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
         }
         let corrected = correct(&raw, &self.model.correction, &self.profile);
         let raw_head = HeadPose::new(&face, camera);

@@ -7,9 +7,10 @@ use facewire_face::COEFFS;
 use nalgebra::{Vector2, Vector3, vector};
 use rayon::prelude::*;
 
+use super::gaze::GazeSums;
 use crate::curves::MOVING;
 use crate::design::MODELLED;
-use crate::statistics::{Interval, Moments, draw, jitter_at_rest, mean, standard_deviation};
+use crate::statistics::{Interval, Moments, draw, jitter_at_rest, mean};
 
 /// A blendshape is at rest in the pictures in which its true coefficient is at most this, and moves in the others.
 const REST: f64 = 0.02;
@@ -100,6 +101,8 @@ pub struct SolvedFaces {
     pub truths: Vec<[f64; COEFFS]>,
     /// Whether the person's neutral face was taken from this picture. Then it cannot show how well rest is recognised.
     pub is_neutral: Vec<bool>,
+    /// The true yaw of the head.
+    pub yaw_deg: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -109,6 +112,7 @@ pub struct Person {
     figures: Vec<Phases<Figures>>,
     /// Means over the blendshapes that this person moves; of jitter and the mean coefficient at rest, over all.
     pub averages: Phases<Figures>,
+    pub gaze: GazeSums,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -138,15 +142,11 @@ impl Person {
                 _ => moving[figure as usize],
             })
         });
-        Self { name, sums, figures, averages }
+        Self { name, sums, figures, averages, gaze: GazeSums::new(faces) }
     }
 
     pub fn figures(&self, blendshape: usize, phase: Phase) -> &Figures {
         &self.figures[blendshape][phase as usize]
-    }
-
-    pub fn moves(&self, blendshape: usize) -> bool {
-        self.sums[blendshape][Phase::All as usize].moves()
     }
 }
 
@@ -268,14 +268,6 @@ impl Judgement {
         (value(&self.figures) - value(&other.figures), interval)
     }
 
-    /// Returns mean and standard deviation of a figure over the people who move the blendshape.
-    pub fn spread(&self, shape: usize, phase: Phase, figure: Figure) -> [f64; 2] {
-        let moving = self.people.iter().filter(|person| person.moves(shape));
-        let values = moving.map(|person| person.figures(shape, phase)[figure as usize]);
-        let values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
-        if values.is_empty() { [f64::NAN; 2] } else { [mean(values.iter().copied()), standard_deviation(&values)] }
-    }
-
     pub fn pictures(&self) -> f64 {
         self.people.iter().map(|person| person.sums[0][Phase::All as usize].moments.count).sum()
     }
@@ -339,7 +331,7 @@ mod tests {
         let near = |phase, figure: Figure, value: f64| (person.figures(0, phase)[figure as usize] - value).abs() < 1e-9;
         assert!(near(Phase::AtRest, Figure::Bias, 0.04) && near(Phase::All, Figure::Resting, 0.04));
         assert!(near(Phase::Moving, Figure::Bias, -0.1) && near(Phase::Moving, Figure::Gain, 1.0));
-        assert!(near(Phase::All, Figure::Jitter, 0.0) && person.moves(0));
+        assert!(near(Phase::All, Figure::Jitter, 0.0));
         assert!(person.figures(0, Phase::AtRest)[Figure::R as usize].is_nan());
         assert!(person.figures(0, Phase::All)[Figure::Gain as usize] < 1.0);
     }
@@ -349,8 +341,6 @@ mod tests {
         let both = judged(&[-0.1, 0.1]);
         let near = |figure, value: f64| (both.get(Row::Blendshape(0), Phase::All, figure) - value).abs() < 1e-9;
         assert!(near(Figure::Bias, 0.0) && near(Figure::MseOfBias, 0.01) && near(Figure::Mse, 0.01));
-        let [mean, deviation] = both.spread(3, Phase::All, Figure::Bias);
-        assert!(mean.abs() < 1e-9 && (deviation - 0.02_f64.sqrt()).abs() < 1e-9, "over the people");
     }
 
     #[test]

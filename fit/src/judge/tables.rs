@@ -7,6 +7,7 @@ use maud::{Markup, html};
 use serde_json::{Map, Value, json};
 
 use super::figures::{Figure, Figures, Judged, Judgement, NEUTRAL, Person, Phase, Rivals, Row};
+use super::gaze;
 use crate::drawing::{Axis, BLUE_INK, scatter};
 use crate::output::{Cell, Table, figure, guide, number};
 use crate::statistics::Interval;
@@ -24,10 +25,12 @@ pub fn text(judged: &Judged) -> Result<String> {
     for (Rivals { model, against }, neutral) in judged.neutral.iter().zip(NEUTRAL) {
         let mut add = |title: &str, table: Table| text += &format!("{neutral}: {title}\n{}\n", table.text());
         add("all pictures of all people together", blendshapes(model));
-        add("mean over people (standard deviation over people)", spread(model));
         if model.people.len() <= LISTED_PEOPLE {
             add("each person, mean of the blendshapes that move", people(model));
         }
+        let [directions, sizes] = gaze::tables(model);
+        add("direction of both eyes together, where they are open", directions);
+        add("size of movements, by the size of the true one", sizes);
         if let Some(other) = against {
             let pair = Pair { model, other };
             let rows = Row::all().map(|row| (name(row, model), pair, row, Phase::All, COMPARED));
@@ -69,19 +72,6 @@ fn blendshapes(judgement: &Judgement) -> Table {
         cells
     };
     Table::new(heads, Row::all().map(row))
-}
-
-fn spread(judgement: &Judgement) -> Table {
-    let row = |shape: usize| {
-        let movers = judgement.people.iter().filter(|person| person.moves(shape)).count();
-        let cell = |figure: Figure| {
-            let [mean, deviation] = judgement.spread(shape, Phase::All, figure);
-            format!("{} ({})", figure.format(mean), number(Some(deviation), figure.decimals()))
-        };
-        [BLENDSHAPES[shape].to_owned(), movers.to_string()].into_iter().chain(MAIN.map(cell)).collect()
-    };
-    let heads = ["blendshape", "people who move it", "r", "MSE", "bias", "gain", "slope"];
-    Table::new(heads, (0..BLENDSHAPES.len()).map(row).collect::<Vec<Vec<_>>>())
 }
 
 fn people(judgement: &Judgement) -> Table {
@@ -361,15 +351,9 @@ fn tree(value: impl Fn(Row, Phase, Figure) -> Value) -> Value {
 }
 
 fn of_judgement(judgement: &Judgement) -> Value {
-    let figures = tree(|row, phase, figure| {
-        let mut own =
-            json!({ "value": judgement.get(row, phase, figure), "interval": judgement.interval(row, phase, figure) });
-        if let Row::Blendshape(shape) = row {
-            let [mean, deviation] = judgement.spread(shape, phase, figure);
-            own["people"] = json!({ "mean": mean, "deviation": deviation });
-        }
-        own
-    });
+    let figures = tree(
+        |row, phase, figure| json!({ "value": judgement.get(row, phase, figure), "interval": judgement.interval(row, phase, figure) }),
+    );
     let person = |person: &Person| {
         let mut own = by_phase(|phase, figure| json!(person.averages[phase as usize][figure as usize]));
         own.insert("person".to_owned(), json!(person.name));

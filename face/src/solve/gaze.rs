@@ -1,0 +1,188 @@
+//! Where the eyes look: a stage of its own, because all else that moves in a face is larger and outvotes the eyes.
+//!
+//! Each part of a face has its own features (eq. 4). A linear map of a few points of the eyes follows the movements of every
+//! wearer, but each wearer has an offset of their own, and the irises' landmarks lag behind at the ends of the range. The
+//! regression, which reads the whole face and how it looks, is right there and on average. So their mean difference is the
+//! wearer's offset, and both count: the map more in small turns, the regression more in wide ones.
+
+use super::correction::smoothstep;
+use super::features::{Features, mix};
+use super::filter::{LONGEST_STEP_S, passed};
+use super::plausible::{BLINKS, GAZE, pick, put};
+use super::{COEFFS, Coefficients};
+use crate::model::GazeLayer;
+
+/// The angle of an eye whose coefficient is 1, degrees: that of ARKit's recordings.
+const FULL_DEG: f32 = 35.0;
+/// The share of the regression in a small turn to the side and upwards, and what a wide turn adds to it.
+const SHARES: [f32; 2] = [0.3, 0.4];
+const WIDE_SHARE: f32 = 0.4;
+/// The turn that the regression sees from which on it counts as wide, and from which on fully so, degrees.
+const WIDE_DEG: [f32; 2] = [5.0, 15.0];
+/// The most that an eye turns towards the nose beyond the common direction, degrees.
+const MAX_VERGENCE_DEG: f32 = 2.0;
+/// Time over which the wearer's offset is averaged, seconds.
+const OFFSET_S: f32 = 10.0;
+/// What the first frame weighs in the average, seconds.
+const FIRST_S: f32 = 1.0;
+/// A lid that is further shut than this hides where the eye looks.
+const SHUT: f32 = 0.4;
+
+/// Where both eyes look, in the axes of the head.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Gaze {
+    /// The turns to the person's left and upwards, degrees.
+    pub yaw_pitch_deg: [f32; 2],
+    /// How far each eye turns towards the nose beyond the common direction, degrees.
+    pub vergence_deg: f32,
+}
+
+impl Gaze {
+    /// The gaze for which `eyeLook` coefficients stand.
+    pub fn of(coefficients: &Coefficients) -> Self {
+        let [left, right] = GAZE.map(|places| {
+            let [down, inwards, out, up] = pick(&coefficients.0, places).map(|value| value.max(0.0));
+            [out - inwards, up - down].map(|share| FULL_DEG * share)
+        });
+        let ([left_out, left_up], [right_out, right_up]) = (left, right);
+        Self {
+            yaw_pitch_deg: [0.5 * (left_out - right_out), 0.5 * (left_up + right_up)],
+            vergence_deg: (-0.5 * (left_out + right_out)).clamp(0.0, MAX_VERGENCE_DEG),
+        }
+    }
+
+    /// Writes the `eyeLook` coefficients. Those of opposed directions have opposite signs, so that a resting offset can be
+    /// removed from both; only positive ones are shown.
+    fn write(self, coefficients: &mut [f32; COEFFS]) {
+        let [yaw_deg, pitch_deg] = self.yaw_pitch_deg;
+        for (places, out_deg) in GAZE.into_iter().zip([yaw_deg, -yaw_deg]) {
+            let out_deg = out_deg - self.vergence_deg;
+            put(coefficients, places, [-pitch_deg, -out_deg, out_deg, pitch_deg].map(|deg| deg / FULL_DEG));
+        }
+    }
+}
+
+impl GazeLayer {
+    /// Returns the turns to the person's left and upwards that the map sees, degrees.
+    pub(super) fn process(&self, features: &Features) -> [f32; 2] {
+        let mut turns_deg = mix(&self.offsets.neutral_unknown, &self.offsets.neutral_known, features.known);
+        for input in &self.inputs {
+            let value = features.get(input.feature) - (1.0 - features.known) * input.neutral;
+            turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
+        }
+        turns_deg
+    }
+}
+
+/// The mean difference between regression and map, which is the wearer's offset, and for how long it has been observed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Offset {
+    mean_deg: [f32; 2],
+    observed_s: f32,
+}
+
+impl Offset {
+    /// Replaces the gaze in the results of the regression by that of the map. The first frame shows that of the regression.
+    pub(super) fn step(&mut self, map_deg: [f32; 2], raw: &mut Coefficients, dt_s: f32) {
+        let seen = Gaze::of(raw);
+        let is_seen = pick(&raw.0, BLINKS).iter().all(|shut| *shut <= SHUT);
+        let learned = if self.observed_s > 0.0 { passed(dt_s, self.observed_s) } else { 1.0 };
+        let mut yaw_pitch_deg = [0.0; 2];
+        let axes = yaw_pitch_deg.iter_mut().zip(&mut self.mean_deg).zip(SHARES);
+        for (((turn_deg, mean_deg), least), (map_deg, seen_deg)) in
+            axes.zip(map_deg.into_iter().zip(seen.yaw_pitch_deg))
+        {
+            if is_seen {
+                *mean_deg += learned * (seen_deg - map_deg - *mean_deg);
+            }
+            let map_deg = map_deg + *mean_deg;
+            let share = least + WIDE_SHARE * smoothstep(seen_deg.abs(), WIDE_DEG);
+            *turn_deg = map_deg + share * (seen_deg - map_deg);
+        }
+        if is_seen {
+            self.observed_s = (self.observed_s + dt_s.clamp(0.0, LONGEST_STEP_S)).clamp(FIRST_S, OFFSET_S);
+        }
+        Gaze { yaw_pitch_deg, ..seen }.write(&mut raw.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Cases, FEATURES, FeatureId, GazeInput};
+    use crate::solve::filter::FRAME_S;
+
+    /// A map by which the eyes turn by 100 degrees for 1 of the left iris.
+    fn layer() -> GazeLayer {
+        let feature = FeatureId::from_name("x473").expect("known");
+        GazeLayer {
+            inputs: Box::new([GazeInput { feature, neutral: 0.5, weights: [100.0, 0.0] }]),
+            offsets: Cases::default(),
+        }
+    }
+
+    /// Follows eyes that the map and the regression see turned by these angles to the left.
+    fn follow(offset: &mut Offset, map_deg: f32, seen_deg: f32) -> Gaze {
+        let mut features = Features { values: [0.0; FEATURES], known: 0.0 };
+        features.values[layer().inputs[0].feature.index()] = 0.5 + map_deg / 100.0;
+        let mut raw = Coefficients([0.0; COEFFS]);
+        Gaze { yaw_pitch_deg: [seen_deg, -4.0], vergence_deg: 1.0 }.write(&mut raw.0);
+        offset.step(layer().process(&features), &mut raw, FRAME_S);
+        Gaze::of(&raw)
+    }
+
+    #[test]
+    fn coefficients_hold_the_directions_of_both_eyes() {
+        let gaze = Gaze { yaw_pitch_deg: [17.5, -7.0], vergence_deg: 1.4 };
+        let mut values = Coefficients([0.0; COEFFS]);
+        gaze.write(&mut values.0);
+        let [left, right] = GAZE.map(|places| pick(&values.0, places));
+        let near = |found: [f32; 4], want: [f32; 4]| found.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(near(left, [0.2, -0.46, 0.46, -0.2]) && near(right, [0.2, 0.54, -0.54, -0.2]), "{left:?} {right:?}");
+        let again = Gaze::of(&values);
+        assert!((again.yaw_pitch_deg[0] - 17.5).abs() < 1e-4 && (again.vergence_deg - 1.4).abs() < 1e-4);
+    }
+
+    #[test]
+    fn small_movement_is_mostly_that_of_the_map_around_the_mean_that_the_regression_sees() {
+        let mut offset = Offset::default();
+        assert!(
+            (follow(&mut offset, 10.0, 3.0).yaw_pitch_deg[0] - 3.0).abs() < 1e-4,
+            "the first frame is the regression's"
+        );
+        for frame in 0..600 {
+            let move_deg = if frame % 20 < 10 { 2.0 } else { -2.0 };
+            follow(&mut offset, 10.0 + move_deg, 3.0 + 0.2 * move_deg);
+        }
+        let [left, right] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg[0]);
+        assert!(
+            (left - right - 4.0 * (1.0 - SHARES[0])).abs() < 0.1 && (left + right - 6.0).abs() < 0.4,
+            "{left} {right}"
+        );
+    }
+
+    #[test]
+    fn wide_turns_are_mostly_those_that_the_regression_sees_and_no_turn_makes_a_step() {
+        let shown = |seen_deg: f32| {
+            let mut offset = Offset::default();
+            follow(&mut offset, 0.0, 0.0);
+            follow(&mut offset, 3.0, seen_deg).yaw_pitch_deg[0]
+        };
+        for wide_deg in [30.0, -30.0] {
+            assert!((shown(wide_deg) / wide_deg - 0.73).abs() < 0.05, "{}", shown(wide_deg));
+        }
+        let turns: Vec<f32> = (-400..400).map(|step| shown(step as f32 * 0.1)).collect();
+        assert!(turns.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.5));
+    }
+
+    #[test]
+    fn shut_eyes_teach_no_offset() {
+        let mut offset = Offset::default();
+        follow(&mut offset, 0.0, 0.0);
+        let before = offset;
+        let mut raw = Coefficients([0.0; COEFFS]);
+        put(&mut raw.0, BLINKS, [0.9, 0.1]);
+        (0..100).for_each(|_| offset.step([20.0, -20.0], &mut raw.clone(), FRAME_S));
+        assert_eq!(offset, before);
+    }
+}

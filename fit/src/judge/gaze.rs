@@ -1,0 +1,148 @@
+//! What the mean r of the coefficients hides: where the eyes look, in degrees, by how far the head is turned, and how large
+//! movements come out, by how large they are.
+
+use std::ops::AddAssign;
+
+use facewire_face::{BLENDSHAPES, COEFFS};
+
+use super::figures::{Judgement, SolvedFaces};
+use crate::curves::LIDS;
+use crate::gaze::SHUT;
+use crate::output::{Table, number};
+use crate::statistics::Moments;
+use crate::synth::anatomy::Gaze;
+use crate::synth::expression::GAZE_DEG;
+use crate::tune::correction::LEVELS as BANDS;
+
+/// The yaw of the head in degrees up to which faces belong to each row.
+const TURNS_DEG: [f64; 3] = [10.0, 20.0, 90.0];
+const AXES: [&str; 2] = ["yaw", "pitch"];
+
+/// The moments of the angles, and the sum of their errors.
+type Axis = (Moments, f64);
+
+/// Sums over the faces of a person.
+#[derive(Debug, Clone)]
+pub struct GazeSums {
+    turns: [[Axis; 2]; TURNS_DEG.len()],
+    /// For each blendshape and band of its truth: the sum of the estimates and that of the truth.
+    bands: Vec<[[f64; 2]; BANDS.len()]>,
+}
+
+impl Default for GazeSums {
+    fn default() -> Self {
+        Self { turns: Default::default(), bands: vec![Default::default(); COEFFS] }
+    }
+}
+
+impl GazeSums {
+    pub fn new(faces: &SolvedFaces) -> Self {
+        let mut sums = Self::default();
+        let pairs = faces.estimates.iter().zip(&faces.truths);
+        for ((estimate, truth), yaw_deg) in pairs.zip(&faces.yaw_deg) {
+            let turn = TURNS_DEG.iter().position(|end| yaw_deg.abs() <= *end).unwrap_or(TURNS_DEG.len() - 1);
+            if LIDS.iter().all(|lid| truth[*lid] <= SHUT) {
+                let [seen, real] = [estimate, truth].map(direction_deg);
+                for (axis, (seen, real)) in sums.turns[turn].iter_mut().zip(seen.into_iter().zip(real)) {
+                    axis.0.add(seen, real);
+                    axis.1 += (seen - real).abs();
+                }
+            }
+            for (bands, (estimate, truth)) in sums.bands.iter_mut().zip(estimate.iter().zip(truth)) {
+                let band = BANDS.iter().position(|end| truth <= end).unwrap_or(BANDS.len() - 1);
+                bands[band][0] += estimate;
+                bands[band][1] += truth;
+            }
+        }
+        sums
+    }
+
+    fn axis(&self, axis: usize, turns: std::ops::Range<usize>) -> Axis {
+        let mut sum = Axis::default();
+        self.turns[turns].iter().for_each(|turn| add(&mut sum, &turn[axis]));
+        sum
+    }
+}
+
+fn add(sum: &mut Axis, own: &Axis) {
+    sum.0 += own.0;
+    sum.1 += own.1;
+}
+
+/// Returns the direction of both eyes together: to the person's left, and up, in degrees.
+fn direction_deg(coefficients: &[f64; COEFFS]) -> [f64; 2] {
+    let gaze = Gaze::of(&coefficients.map(|value| value as f32));
+    [f64::from(gaze.left * GAZE_DEG[0]), f64::from(gaze.up * GAZE_DEG[1])]
+}
+
+impl AddAssign<&GazeSums> for GazeSums {
+    fn add_assign(&mut self, other: &Self) {
+        self.turns.as_flattened_mut().iter_mut().zip(other.turns.as_flattened()).for_each(|(sum, own)| add(sum, own));
+        let sums = self.bands.as_flattened_mut().as_flattened_mut();
+        sums.iter_mut().zip(other.bands.as_flattened().as_flattened()).for_each(|(sum, own)| *sum += own);
+    }
+}
+
+/// Returns the directions of gaze, and the size of movements, of all people together.
+pub fn tables(judgement: &Judgement) -> [Table; 2] {
+    let mut all = GazeSums::default();
+    judgement.people.iter().for_each(|person| all += &person.gaze);
+    [directions(judgement, &all), sizes(&all)]
+}
+
+fn directions(judgement: &Judgement, all: &GazeSums) -> Table {
+    let cells = |(moments, error_deg): Axis| {
+        let figures = [(moments.truth_deviation(), 1), (moments.pearson(), 3), (moments.slope(), 2)];
+        let error = (error_deg / moments.count, 1);
+        figures.into_iter().chain([error]).map(|(value, decimals)| number(Some(value), decimals)).collect::<Vec<_>>()
+    };
+    let mut rows = Vec::new();
+    for (axis, name) in AXES.into_iter().enumerate() {
+        let everywhere = 0..TURNS_DEG.len();
+        let error = |(moments, error_deg): Axis| error_deg / moments.count;
+        let people = judgement.people.iter().map(|person| person.gaze.axis(axis, everywhere.clone()));
+        let worst = people.max_by(|one, other| error(*one).total_cmp(&error(*other))).unwrap_or_default();
+        rows.push([vec![name.to_owned()], cells(all.axis(axis, everywhere))].concat());
+        for (turn, end) in TURNS_DEG.into_iter().enumerate() {
+            rows.push([vec![format!("{name}, head up to {end}")], cells(all.axis(axis, turn..turn + 1))].concat());
+        }
+        rows.push([vec![format!("{name}, worst person")], cells(worst)].concat());
+    }
+    Table::new(["gaze (degrees)", "deviation of truth", "r", "slope", "mean error"], rows)
+}
+
+fn sizes(all: &GazeSums) -> Table {
+    let row = |(name, bands): (&&str, &[[f64; 2]; BANDS.len()])| {
+        let ratio = |[estimate, truth]: &[f64; 2]| number((*truth > 0.0).then_some(estimate / truth), 2);
+        [(*name).to_owned()].into_iter().chain(bands[1..].iter().map(ratio)).collect::<Vec<_>>()
+    };
+    let ends = BANDS[1..].iter().map(|end| format!("truth up to {end}"));
+    Table::new(["estimate / truth".to_owned()].into_iter().chain(ends), BLENDSHAPES.iter().zip(&all.bands).map(row))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaze_is_judged_in_degrees_by_the_turn_of_the_head_and_not_behind_shut_lids() {
+        let looking = |left: f32| {
+            let mut face = [0.0_f32; COEFFS];
+            Gaze { left, up: 0.0, convergence: 0.0 }.set(&mut face);
+            face.map(f64::from)
+        };
+        let mut faces = SolvedFaces::default();
+        for left in [-0.8_f32, -0.2, 0.4, 0.6] {
+            faces.truths.push(looking(left));
+            faces.estimates.push(looking(0.5 * left));
+            faces.yaw_deg.push(-15.0);
+        }
+        let sums = GazeSums::new(&faces);
+        let (moments, error_deg) = sums.axis(0, 1..2);
+        assert!((moments.slope() - 0.5).abs() < 1e-3 && (moments.pearson() - 1.0).abs() < 1e-6);
+        assert!((error_deg / 4.0 - 0.5 * 0.5 * 34.7).abs() < 1e-3, "{}", error_deg);
+        assert!(sums.axis(0, 0..1).0.count < 1.0);
+        faces.truths.iter_mut().for_each(|truth| truth[LIDS[1]] = 0.9);
+        assert!(GazeSums::new(&faces).axis(0, 0..3).0.count < 1.0);
+    }
+}

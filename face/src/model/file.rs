@@ -25,7 +25,7 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// made_by = "facewire-fit train ..."
 /// fitted_on = "..."
 ///
-/// [offsets]                   # of the hidden units, at most 120
+/// [offsets]                   # of the hidden units, at most 160
 /// neutral_known = [0.1, -0.3]
 /// neutral_unknown = [0.2, -0.1]
 ///

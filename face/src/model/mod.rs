@@ -20,8 +20,8 @@ pub use formulas::{
 };
 
 /// Most units of the hidden layer.
-pub const MAX_HIDDEN: usize = 192;
-/// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units they make a model of 256 KiB.
+pub const MAX_HIDDEN: usize = 160;
+/// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units they make a model of 294 KiB.
 pub const MAX_INPUTS: usize = 470;
 /// Units of the layer that reads how a face looks.
 pub const APPEARANCE_UNITS: usize = 32;
@@ -229,8 +229,8 @@ pub struct CorrectiveTerms {
 impl CorrectiveTerms {
     /// Terms that change nothing.
     pub const NONE: Self = Self { shift: 0.0, slope: 1.0, lift: 0.0, response: [0.5, 0.9] };
-    /// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97.
-    const EYE_BLINK: Self = Self { lift: 0.4, response: [0.35, 0.75], ..Self::NONE };
+    /// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.99.
+    const EYE_BLINK: Self = Self { lift: 0.42, response: [0.4, 0.7], ..Self::NONE };
 
     /// Whether the terms are finite and keep the order of values.
     pub fn keep_order(&self) -> bool {

@@ -97,8 +97,10 @@ impl Call<'_> {
 fn child_of(strace: &mut Child, record: &Path) -> Option<Pid> {
     let children = format!("/proc/{0}/task/{0}/children", strace.id());
     while strace.try_wait().unwrap().is_none() {
+        // Before strace records anything, it starts children of its own to find out what it can trace.
+        let has_begun = fs::metadata(record).is_ok_and(|record| record.len() > 0);
         let child = fs::read_to_string(&children).ok().and_then(|pids| pids.split_whitespace().next()?.parse().ok());
-        if child.is_some() && fs::metadata(record).is_ok_and(|record| record.len() > 0) {
+        if has_begun && child.is_some() {
             return Pid::from_raw(child?);
         }
     }

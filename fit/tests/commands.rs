@@ -348,5 +348,5 @@ fn judge_gives_a_clip_the_figures_that_track_and_evaluate_give_it() {
         let wanted = wanted["mean_of_moving"][name].as_f64().unwrap();
         assert!((own - wanted).abs() < 2e-4, "{figure}: {own} instead of {wanted}");
     }
-    assert!(value(state("neutral_face_known"), "r") > value(state("neutral_face_not_known"), "r"));
+    assert!(value(state("neutral_face_known"), "mse") < value(state("neutral_face_not_known"), "mse"));
 }

@@ -19,6 +19,8 @@ const SHARES: [f32; 2] = [0.3, 0.4];
 const WIDE_SHARE: f32 = 0.4;
 /// The turn that the regression sees from which on it counts as wide, and from which on fully so, degrees.
 const WIDE_DEG: [f32; 2] = [5.0, 15.0];
+/// The most that an eye turns, degrees.
+const MAX_TURN_DEG: f32 = 90.0;
 /// The most that an eye turns towards the nose beyond the common direction, degrees.
 const MAX_VERGENCE_DEG: f32 = 2.0;
 /// Time over which the wearer's offset is averaged, seconds.
@@ -70,8 +72,14 @@ impl GazeLayer {
             let value = features.get(input.feature) - (1.0 - features.known) * input.neutral;
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
         }
-        turns_deg
+        turns_deg.map(bounded)
     }
+}
+
+/// Bounds what an absurd model file gives, which would otherwise stay in the wearer's offset.
+#[expect(clippy::manual_clamp, reason = "unlike `clamp`, it turns what is not a number into one")]
+fn bounded(turn_deg: f32) -> f32 {
+    turn_deg.max(-MAX_TURN_DEG).min(MAX_TURN_DEG)
 }
 
 /// The mean difference between regression and map, which is the wearer's offset, and for how long it has been observed.
@@ -107,6 +115,7 @@ impl Offset {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
     use crate::model::{Cases, FEATURES, FeatureId, GazeInput};
@@ -173,6 +182,11 @@ mod tests {
         }
         let turns: Vec<f32> = (-400..400).map(|step| shown(step as f32 * 0.1)).collect();
         assert!(turns.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.5));
+    }
+
+    #[test]
+    fn absurd_turns_are_bounded() {
+        assert_eq!([f32::NAN, f32::INFINITY, -1e9, 30.0].map(bounded), [-90.0, 90.0, -90.0, 30.0]);
     }
 
     #[test]

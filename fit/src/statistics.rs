@@ -104,6 +104,13 @@ pub fn xi(estimate: &[f64], truth: &[f64]) -> f64 {
     if scale > 0.0 { 1.0 - n * steps / scale } else { 0.0 }
 }
 
+/// Upper ends of the levels of the truth. The first one is that of a blendshape at rest.
+pub const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
+
+pub fn level_of(truth: f64) -> usize {
+    LEVELS.iter().position(|end| truth <= *end).unwrap_or(LEVELS.len() - 1)
+}
+
 /// Sums over pairs of estimate and truth. Figures that are not defined are not a number.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moments {

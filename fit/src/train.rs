@@ -42,9 +42,7 @@ pub fn train(
     );
     let mut file = {
         let seen = with_mirrored(samples)?;
-        let design = Design::new(&seen)?;
-        let gaze = gaze::fit(&design, &Scale::of(&design, LEAST_FEATURE))?;
-        ModelFile { gaze: Some(gaze), ..fit(&design, epochs, ModelFile::new(made_by, fitted_on))? }
+        fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
     };
     if let Some(appearances) = appearances {
         file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);
@@ -90,6 +88,7 @@ pub fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelF
     let network = Network::train(&data, &training, |epoch| eprint!("\repoch {epoch} of {epochs}"));
     eprintln!();
     fill_in(&mut file, design, &scale, &basis, &network);
+    file.gaze = Some(gaze::fit(design, &scale)?);
     Ok(file)
 }
 

@@ -1,7 +1,7 @@
 //! `facewire-fit tune`: finds parameters from clips with truth. The corrective terms have a module of their own; here is the
 //! trial of every kind of filter with many times for each part of the face.
 
-pub mod correction;
+mod correction;
 mod measure;
 
 use std::path::PathBuf;

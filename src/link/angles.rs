@@ -4,14 +4,11 @@
 //! `Ry(yaw) Rx(-pitch) Rz(roll)`, the order in which Unity and Unreal compose theirs: the head tilts first, nods next
 //! and turns last.
 
+use facewire_face::FULL_GAZE_DEG;
 use facewire_packet::BLENDSHAPE_COUNT;
 
-/// The angle of an eye whose coefficient is 1, radians.
-///
-/// This is what ARKit means by it: in a public recording of 180 packets from the iPhone app Live Link Face
-/// (`dao.gesichter` of the project LLV), which has coefficients and rotations of the eyes side by side, the angle is 0.61
-/// radians times the difference of the opposed coefficients, with a correlation of 1.000 in all four directions.
-pub const FULL_GAZE: f32 = 35.0 * std::f32::consts::PI / 180.0;
+/// [`FULL_GAZE_DEG`] in radians.
+pub const FULL_GAZE: f32 = FULL_GAZE_DEG * std::f32::consts::PI / 180.0;
 /// From this coefficient of the blink on, a lid is shut and hides where the eye looks.
 const SHUT: f32 = 0.75;
 

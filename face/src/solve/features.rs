@@ -87,6 +87,11 @@ impl Features {
         Self { values, known }
     }
 
+    /// The feature minus what is left to subtract of its mean over neutral faces.
+    pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32) -> f32 {
+        self.get(id) - (1.0 - self.known) * neutral_mean
+    }
+
     pub(super) fn get(&self, id: FeatureId) -> f32 {
         self.values.get(id.index()).copied().unwrap_or(f32::NAN)
     }

@@ -34,7 +34,7 @@ pub use correction::{GAINS, MAX_REST, correct};
 pub(crate) use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{Features, Neutral, Reference};
 pub use filter::{Filter, FilterKind};
-pub use gaze::Gaze;
+pub use gaze::{FULL_GAZE_DEG, Gaze};
 pub use neutral_estimate::NeutralMode;
 pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;

@@ -68,11 +68,10 @@ const BATCH: usize = 64;
 impl HiddenLayer {
     fn process(&self, features: &Features) -> [f32; COEFFS] {
         let mut hidden = mix(&self.offsets_unknown, &self.offsets_known, features.known);
-        let (columns, mean_share) = (self.weights.as_chunks().0, 1.0 - features.known);
-        for (inputs, weights) in self.inputs.chunks(BATCH).zip(columns.chunks(BATCH)) {
+        for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.weights.as_chunks().0.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
-                *value = features.get(input.feature) - mean_share * input.neutral;
+                *value = features.displacement(input.feature, input.neutral);
             }
             add_rows(&mut hidden, weights, &values);
         }

@@ -9,10 +9,9 @@ use super::figures::{Judgement, SolvedFaces};
 use crate::curves::LIDS;
 use crate::gaze::SHUT;
 use crate::output::{Table, number};
-use crate::statistics::Moments;
+use crate::statistics::{LEVELS, Moments, level_of};
 use crate::synth::anatomy::Gaze;
 use crate::synth::expression::GAZE_DEG;
-use crate::tune::correction::LEVELS as BANDS;
 
 /// The yaw of the head in degrees up to which faces belong to each row.
 const TURNS_DEG: [f64; 3] = [10.0, 20.0, 90.0];
@@ -25,13 +24,13 @@ type Axis = (Moments, f64);
 #[derive(Debug, Clone)]
 pub struct GazeSums {
     turns: [[Axis; 2]; TURNS_DEG.len()],
-    /// For each blendshape and band of its truth: the sum of the estimates and that of the truth.
-    bands: Vec<[[f64; 2]; BANDS.len()]>,
+    /// For each blendshape and level of its truth: the sum of the estimates and that of the truth.
+    levels: Vec<[[f64; 2]; LEVELS.len()]>,
 }
 
 impl Default for GazeSums {
     fn default() -> Self {
-        Self { turns: Default::default(), bands: vec![Default::default(); COEFFS] }
+        Self { turns: Default::default(), levels: vec![Default::default(); COEFFS] }
     }
 }
 
@@ -48,10 +47,10 @@ impl GazeSums {
                     axis.1 += (seen - real).abs();
                 }
             }
-            for (bands, (estimate, truth)) in sums.bands.iter_mut().zip(estimate.iter().zip(truth)) {
-                let band = BANDS.iter().position(|end| truth <= end).unwrap_or(BANDS.len() - 1);
-                bands[band][0] += estimate;
-                bands[band][1] += truth;
+            for (levels, (estimate, truth)) in sums.levels.iter_mut().zip(estimate.iter().zip(truth)) {
+                let [estimates, truths] = &mut levels[level_of(*truth)];
+                *estimates += estimate;
+                *truths += truth;
             }
         }
         sums
@@ -78,8 +77,8 @@ fn direction_deg(coefficients: &[f64; COEFFS]) -> [f64; 2] {
 impl AddAssign<&GazeSums> for GazeSums {
     fn add_assign(&mut self, other: &Self) {
         self.turns.as_flattened_mut().iter_mut().zip(other.turns.as_flattened()).for_each(|(sum, own)| add(sum, own));
-        let sums = self.bands.as_flattened_mut().as_flattened_mut();
-        sums.iter_mut().zip(other.bands.as_flattened().as_flattened()).for_each(|(sum, own)| *sum += own);
+        let sums = self.levels.as_flattened_mut().as_flattened_mut();
+        sums.iter_mut().zip(other.levels.as_flattened().as_flattened()).for_each(|(sum, own)| *sum += own);
     }
 }
 
@@ -112,12 +111,12 @@ fn directions(judgement: &Judgement, all: &GazeSums) -> Table {
 }
 
 fn sizes(all: &GazeSums) -> Table {
-    let row = |(name, bands): (&&str, &[[f64; 2]; BANDS.len()])| {
+    let row = |(name, levels): (&&str, &[[f64; 2]; LEVELS.len()])| {
         let ratio = |[estimate, truth]: &[f64; 2]| number((*truth > 0.0).then_some(estimate / truth), 2);
-        [(*name).to_owned()].into_iter().chain(bands[1..].iter().map(ratio)).collect::<Vec<_>>()
+        [(*name).to_owned()].into_iter().chain(levels[1..].iter().map(ratio)).collect::<Vec<_>>()
     };
-    let ends = BANDS[1..].iter().map(|end| format!("truth up to {end}"));
-    Table::new(["estimate / truth".to_owned()].into_iter().chain(ends), BLENDSHAPES.iter().zip(&all.bands).map(row))
+    let ends = LEVELS[1..].iter().map(|end| format!("truth up to {end}"));
+    Table::new(["estimate / truth".to_owned()].into_iter().chain(ends), BLENDSHAPES.iter().zip(&all.levels).map(row))
 }
 
 #[cfg(test)]

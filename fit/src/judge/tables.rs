@@ -351,15 +351,16 @@ fn tree(value: impl Fn(Row, Phase, Figure) -> Value) -> Value {
 }
 
 fn of_judgement(judgement: &Judgement) -> Value {
-    let figures = tree(
-        |row, phase, figure| json!({ "value": judgement.get(row, phase, figure), "interval": judgement.interval(row, phase, figure) }),
-    );
+    let figure = |row, phase, figure| {
+        let (value, interval) = (judgement.get(row, phase, figure), judgement.interval(row, phase, figure));
+        json!({ "value": value, "interval": interval })
+    };
     let person = |person: &Person| {
         let mut own = by_phase(|phase, figure| json!(person.averages[phase as usize][figure as usize]));
         own.insert("person".to_owned(), json!(person.name));
         own
     };
-    json!({ "figures": figures, "people": judgement.people.iter().map(person).collect::<Vec<_>>() })
+    json!({ "figures": tree(figure), "people": judgement.people.iter().map(person).collect::<Vec<_>>() })
 }
 
 fn differences(model: &Judgement, against: &Judgement) -> Value {

@@ -148,7 +148,8 @@ impl<'a> Painter<'a> {
     pub fn eye(&self, at: Barycentric) -> Vec3A {
         let offset = at.interpolate(|vertex| self.assets.ball_offsets[vertex]);
         let looks = &self.person.looks;
-        let colour = EYE * eye_colour(&self.assets.eyes[looks.eye], offset.truncate(), looks.iris);
+        let colour = EYE
+            * eye_colour(&self.assets.eyes[looks.eye], offset.truncate(), [looks.iris_radius, looks.iris_lightness]);
         let normal = at.interpolate(|vertex| self.normals[vertex]).normalize_or_zero();
         let point = at.interpolate(|vertex| self.points[vertex]);
         let view = -point.normalize_or_zero();

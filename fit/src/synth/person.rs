@@ -39,8 +39,10 @@ pub struct Looks {
     /// Offset of the brows' inner and outer end in centimetres, positive upwards.
     pub brow_lift: [f32; 2],
     pub brow_thickness: f32,
-    /// Radius of the iris relative to the eyeball's, and its lightness relative to the texture's.
-    pub iris: [f32; 2],
+    /// Radius of the iris relative to the eyeball's.
+    pub iris_radius: f32,
+    /// Lightness of the iris relative to the texture's.
+    pub iris_lightness: f32,
     pub lashes: f32,
     /// Colour of the clothes and height of their collar in centimetres.
     pub cloth: (Vec3, f32),
@@ -228,7 +230,8 @@ pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, [skins, brows, eyes]:
             [inner, inner + normal(rng, 0.22, 0.5)]
         },
         brow_thickness: rng.random_range(1.0..1.9),
-        iris: [rng.random_range(0.355..0.42), iris_lightness(rng, assets.skins[skin].lightness)],
+        iris_radius: rng.random_range(0.355..0.42),
+        iris_lightness: iris_lightness(rng, assets.skins[skin].lightness),
         lashes: rng.random_range(0.05..0.5),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
     }

@@ -227,7 +227,7 @@ impl Without {
                 F::Hair => looks.hair = None,
                 F::Tint => looks.tint = Vec3::ONE,
                 F::Gloss => looks.gloss = 1.0,
-                F::Eyes => (looks.iris, looks.lashes) = ([0.39, 1.0], 0.15),
+                F::Eyes => (looks.iris_radius, looks.iris_lightness, looks.lashes) = (0.39, 1.0, 0.15),
                 _ => {}
             }
         }

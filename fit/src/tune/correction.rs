@@ -16,9 +16,8 @@ use rayon::prelude::*;
 
 use crate::judge::set::{RawFaces, Set};
 use crate::output::{self, Table};
+use crate::statistics::{LEVELS, level_of};
 
-/// Upper ends of the levels of the truth. The first one is that of a blendshape at rest.
-pub const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// The first steps of the search: shift, slope, lift, and the ends of the response.
 const STEPS: [f64; 5] = [0.04, 0.2, 0.2, 0.1, 0.1];
 /// Narrowest range of response, and bounds of shift, slope and lift. Beyond them a coefficient would be a switch: off for
@@ -169,7 +168,7 @@ fn terms(numbers: &[f64; 5]) -> CorrectiveTerms {
 fn cost(terms: &CorrectiveTerms, pairs: &Pairs) -> f64 {
     let (mut sums, mut counts) = ([0.0; LEVELS.len()], [0.0; LEVELS.len()]);
     for [raw, truth] in pairs {
-        let level = LEVELS.iter().position(|end| truth <= end).unwrap_or(LEVELS.len() - 1);
+        let level = level_of(*truth);
         sums[level] += (f64::from(terms.correct(*raw as f32, 0.0, 1.0)) - truth).powi(2);
         counts[level] += 1.0;
     }

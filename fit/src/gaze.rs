@@ -1,7 +1,7 @@
 //! Fits the map from points of the eyes to where they look.
 //!
-//! A few points carry over from rendered faces to real ones, where many do not. Directions of each band of 5 degrees count
-//! about alike: with plain least squares, the eyes that look ahead, as most do, make all movements small.
+//! A few points carry over from rendered faces to real ones, where many do not. Rare directions count for more than their
+//! number: with plain least squares, the eyes that look ahead, as most do, would make all movements small.
 
 use anyhow::{Context, Result};
 use facewire_face::Gaze;
@@ -17,13 +17,12 @@ const INPUTS: [&str; 19] = [
     "y159", "y145", "y386", "y374", "x468", "y468", "x33", "y33", "x133", "y133", "x473", "y473", "x263", "y263",
     "x362", "y362", "yaw", "pitch", "roll",
 ];
-/// The inputs, whether the neutral face is known, and 1.
+/// A column for each input, one that says whether the neutral face is known, and one of ones.
 const COLUMNS: usize = INPUTS.len() + 2;
 const BAND_DEG: f32 = 5.0;
 const BANDS: usize = 7;
-/// Power of a band's share of the faces that is the weight of their errors, for yaw and pitch. The lids move with the pitch,
-/// so that less of it must be restored.
-const BALANCE: [f64; 2] = [-0.7, -0.4];
+/// An error weighs its band's share of the faces to this power, for yaw and for pitch, which the lids show as well.
+const BAND_WEIGHT_POWERS: [f64; 2] = [-0.7, -0.4];
 const RIDGE: f64 = 1e-4;
 /// Faces with a lid that is further shut than this do not count.
 pub const SHUT: f64 = 0.5;
@@ -64,7 +63,7 @@ fn least_squares(columns: &[SVector<f64, COLUMNS>], truths: &[[f32; 2]], axis: u
     truths.iter().for_each(|truth| counts[band(truth)] += 1.0);
     let (mut gram, mut cross) = (SMatrix::<f64, COLUMNS, COLUMNS>::zeros(), SVector::zeros());
     for (column, truth) in columns.iter().zip(truths) {
-        let weight = (counts[band(truth)] / truths.len() as f64).powf(BALANCE[axis]);
+        let weight = (counts[band(truth)] / truths.len() as f64).powf(BAND_WEIGHT_POWERS[axis]);
         gram.ger(weight, column, column, 1.0);
         cross += weight * f64::from(truth[axis]) * column;
     }
@@ -90,10 +89,9 @@ mod tests {
             };
             table.offsets.neutral_known[0] + table.inputs.iter().map(input).sum::<f64>()
         };
-        let known = 0..faces.len();
-        let truths: Vec<f64> =
-            known.clone().map(|face| Gaze::of(&design.coefficients(face)).yaw_pitch_deg[0].into()).collect();
-        let r = pearson(&known.map(turn).collect::<Vec<f64>>(), &truths);
+        let truth = |face| f64::from(Gaze::of(&design.coefficients(face)).yaw_pitch_deg[0]);
+        let (turns, truths): (Vec<f64>, Vec<f64>) = (0..faces.len()).map(|face| (turn(face), truth(face))).unzip();
+        let r = pearson(&turns, &truths);
         assert!(r > 0.4, "{r}");
     }
 }

@@ -169,7 +169,7 @@ fn judged(clip: &Clip, learned: &Learned) -> Person {
         estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
         truths: clip.truth.coefficients[frames.clone()].to_vec(),
         is_neutral: vec![false; frames.len()],
-        yaw_deg: clip.truth.pose_deg[frames].iter().map(|pose| pose[0]).collect(),
+        head_yaw_deg: clip.truth.pose_deg[frames].iter().map(|pose| pose[0]).collect(),
     };
     Person::new(clip.name.clone(), &faces, true)
 }

@@ -204,7 +204,7 @@ trait Registers {
         }))
     }
 
-    /// Returns the pulse of a channel that the chip makes now, whatever its period is, and at whichever step it begins.
+    /// Returns the pulse in microseconds that the chip now makes on a channel, at whichever step it begins.
     fn read_pulse_us(&mut self, channel: u8, period: Period) -> Result<Option<f32>, LinkError> {
         if self.get(MODE1)? & SLEEP != 0 || (self.get(MODE2)? ^ OUTPUTS) & POLARITY_BITS != 0 {
             return Ok(None);

@@ -119,7 +119,7 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
-/// Looks a host name up now, again and again, and when it is woken. If that fails, the last destination stays.
+/// Looks a host name up at once, then periodically, and whenever it is woken. If that fails, the last destination stays.
 fn look_up(
     address: &Address,
     resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,

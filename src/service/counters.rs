@@ -28,7 +28,7 @@ pub(super) const OPEN_US: u64 = 30_000_000;
 pub(super) const WORK_US: u64 = 10_000_000;
 /// A frame may take two stall timeouts: one to arrive, and one more for a newer frame if it waited in a buffer for long.
 const STALL_TIMEOUTS_PER_FRAME: u64 = 2;
-/// Time added to the stall timeouts, microseconds: half a second for frames that a step leaves out, and as much to spare.
+/// Time added to the stall timeouts, microseconds: half a second for frames that a step leaves out, and half a second to spare.
 const GRACE_US: u64 = 1_000_000;
 /// Longest time between two rounds of the sender, which sleeps for 0.1 s at most, microseconds.
 const SENDER_PATIENCE_US: u64 = 5_000_000;

@@ -21,7 +21,7 @@ pub use formulas::{
 
 /// Most units of the hidden layer.
 pub const MAX_HIDDEN: usize = 160;
-/// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units they make a model of 294 KiB.
+/// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units, their weights take 294 KiB.
 pub const MAX_INPUTS: usize = 470;
 /// Units of the layer that reads how a face looks.
 pub const APPEARANCE_UNITS: usize = 32;

@@ -1,9 +1,9 @@
-//! Where the eyes look: a stage of its own, because all else that moves in a face is larger and outvotes the eyes.
+//! The direction of the eyes, as a stage of its own: all else that moves in a face is larger and drowns it out.
 //!
-//! Each part of a face has its own features (eq. 4). A linear map of a few points of the eyes follows the movements of every
-//! wearer, but each wearer has an offset of their own, and the irises' landmarks lag behind at the ends of the range. The
-//! regression, which reads the whole face and how it looks, is right there and on average. So their mean difference is the
-//! wearer's offset, and both count: the map more in small turns, the regression more in wide ones.
+//! A linear map of a few points of the eyes (eq. 4) follows small movements of every wearer. But each wearer shifts it by an
+//! offset of their own, and the landmarks of the irises lag at the ends of the range. The regression, which reads the whole
+//! face, is right at those ends and on average. So the mean difference of the two is the offset, and the result blends both:
+//! mostly the map in small turns, mostly the regression in wide ones.
 
 use super::correction::smoothstep;
 use super::features::{Features, mix};
@@ -18,11 +18,12 @@ use crate::model::GazeLayer;
 /// (`dao.gesichter` of the project LLV), which has coefficients and rotations of the eyes side by side, the angle is 0.61
 /// radians times the difference of the opposed coefficients, with a correlation of 1.000 in all four directions.
 pub const FULL_GAZE_DEG: f32 = 35.0;
-/// The share of the regression in a small turn to the side and upwards, and what a wide turn adds to it.
-const SHARES: [f32; 2] = [0.3, 0.4];
-const WIDE_SHARE: f32 = 0.4;
-/// The turn that the regression sees from which on it counts as wide, and from which on fully so, degrees.
-const WIDE_DEG: [f32; 2] = [5.0, 15.0];
+/// Share of the regression in a small turn, for yaw and pitch.
+const SMALL_TURN_SHARES: [f32; 2] = [0.3, 0.4];
+/// What a wide turn adds to these shares.
+const WIDE_TURN_ADDS: f32 = 0.4;
+/// The turns between which the regression's share rises, degrees.
+const WIDE_TURN_DEG: [f32; 2] = [5.0, 15.0];
 /// The most that an eye turns, degrees.
 const MAX_TURN_DEG: f32 = 90.0;
 /// The most that an eye turns towards the nose beyond the common direction, degrees.
@@ -30,7 +31,7 @@ const MAX_VERGENCE_DEG: f32 = 2.0;
 /// Time over which the wearer's offset is averaged, seconds.
 const OFFSET_S: f32 = 10.0;
 /// What the first frame weighs in the average, seconds.
-const FIRST_S: f32 = 1.0;
+const FIRST_FRAME_S: f32 = 1.0;
 /// A lid that is further shut than this hides where the eye looks.
 const SHUT: f32 = 0.4;
 
@@ -76,13 +77,13 @@ impl GazeLayer {
             let value = features.displacement(input.feature, input.neutral);
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
         }
-        turns_deg.map(bounded)
+        turns_deg.map(bounded_turn_deg)
     }
 }
 
 /// Bounds what an absurd model file gives, which would otherwise stay in the wearer's offset.
 #[expect(clippy::manual_clamp, reason = "unlike `clamp`, it turns what is not a number into one")]
-fn bounded(turn_deg: f32) -> f32 {
+fn bounded_turn_deg(turn_deg: f32) -> f32 {
     turn_deg.max(-MAX_TURN_DEG).min(MAX_TURN_DEG)
 }
 
@@ -94,25 +95,26 @@ pub(super) struct Offset {
 }
 
 impl Offset {
-    /// Replaces the gaze in the results of the regression by that of the map. The first frame shows that of the regression.
+    /// Blends the gaze of the map, shifted by the offset, into the results of the regression. The first frame with open eyes
+    /// shows the regression's.
     pub(super) fn step(&mut self, map_deg: [f32; 2], raw: &mut Coefficients, dt_s: f32) {
         let seen = Gaze::of(raw);
-        let is_seen = pick(&raw.0, BLINKS).iter().all(|shut| *shut <= SHUT);
+        let are_eyes_open = pick(&raw.0, BLINKS).iter().all(|shut| *shut <= SHUT);
         let learned = if self.observed_s > 0.0 { passed(dt_s, self.observed_s) } else { 1.0 };
         let mut yaw_pitch_deg = [0.0; 2];
-        let axes = yaw_pitch_deg.iter_mut().zip(&mut self.mean_deg).zip(SHARES);
-        for (((turn_deg, mean_deg), least), (map_deg, seen_deg)) in
+        let axes = yaw_pitch_deg.iter_mut().zip(&mut self.mean_deg).zip(SMALL_TURN_SHARES);
+        for (((turn_deg, mean_deg), small_turn_share), (map_deg, seen_deg)) in
             axes.zip(map_deg.into_iter().zip(seen.yaw_pitch_deg))
         {
-            if is_seen {
+            if are_eyes_open {
                 *mean_deg += learned * (seen_deg - map_deg - *mean_deg);
             }
-            let map_deg = map_deg + *mean_deg;
-            let share = least + WIDE_SHARE * smoothstep(seen_deg.abs(), WIDE_DEG);
-            *turn_deg = map_deg + share * (seen_deg - map_deg);
+            let shifted_deg = map_deg + *mean_deg;
+            let share = small_turn_share + WIDE_TURN_ADDS * smoothstep(seen_deg.abs(), WIDE_TURN_DEG);
+            *turn_deg = shifted_deg + share * (seen_deg - shifted_deg);
         }
-        if is_seen {
-            self.observed_s = (self.observed_s + dt_s.clamp(0.0, LONGEST_STEP_S)).clamp(FIRST_S, OFFSET_S);
+        if are_eyes_open {
+            self.observed_s = (self.observed_s + dt_s.clamp(0.0, LONGEST_STEP_S)).clamp(FIRST_FRAME_S, OFFSET_S);
         }
         Gaze { yaw_pitch_deg, ..seen }.write(&mut raw.0);
     }
@@ -169,7 +171,7 @@ mod tests {
         }
         let [left, right] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg[0]);
         assert!(
-            (left - right - 4.0 * (1.0 - SHARES[0])).abs() < 0.1 && (left + right - 6.0).abs() < 0.4,
+            (left - right - 4.0 * (1.0 - SMALL_TURN_SHARES[0])).abs() < 0.1 && (left + right - 6.0).abs() < 0.4,
             "{left} {right}"
         );
     }
@@ -190,7 +192,7 @@ mod tests {
 
     #[test]
     fn absurd_turns_are_bounded() {
-        assert_eq!([f32::NAN, f32::INFINITY, -1e9, 30.0].map(bounded), [-90.0, 90.0, -90.0, 30.0]);
+        assert_eq!([f32::NAN, f32::INFINITY, -1e9, 30.0].map(bounded_turn_deg), [-90.0, 90.0, -90.0, 30.0]);
     }
 
     #[test]

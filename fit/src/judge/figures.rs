@@ -102,7 +102,7 @@ pub struct SolvedFaces {
     /// Whether the person's neutral face was taken from this picture. Then it cannot show how well rest is recognised.
     pub is_neutral: Vec<bool>,
     /// The true yaw of the head.
-    pub yaw_deg: Vec<f64>,
+    pub head_yaw_deg: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]

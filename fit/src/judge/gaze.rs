@@ -1,5 +1,4 @@
-//! What the mean r of the coefficients hides: where the eyes look, in degrees, by how far the head is turned, and how large
-//! movements come out, by how large they are.
+//! What the mean r hides: the direction of the eyes in degrees, and the size of movements compared with their true size.
 
 use std::ops::AddAssign;
 
@@ -13,9 +12,8 @@ use crate::statistics::{LEVELS, Moments, level_of};
 use crate::synth::anatomy::Gaze;
 use crate::synth::expression::GAZE_DEG;
 
-/// The yaw of the head in degrees up to which faces belong to each row.
-const TURNS_DEG: [f64; 3] = [10.0, 20.0, 90.0];
-const AXES: [&str; 2] = ["yaw", "pitch"];
+/// The greatest yaw of the head in each row, degrees. A row begins where the one before ends.
+const HEAD_YAW_ENDS_DEG: [f64; 3] = [10.0, 20.0, 90.0];
 
 /// The moments of the angles, and the sum of their errors.
 type Axis = (Moments, f64);
@@ -23,7 +21,7 @@ type Axis = (Moments, f64);
 /// Sums over the faces of a person.
 #[derive(Debug, Clone)]
 pub struct GazeSums {
-    turns: [[Axis; 2]; TURNS_DEG.len()],
+    turns: [[Axis; 2]; HEAD_YAW_ENDS_DEG.len()],
     /// For each blendshape and level of its truth: the sum of the estimates and that of the truth.
     levels: Vec<[[f64; 2]; LEVELS.len()]>,
 }
@@ -38,8 +36,9 @@ impl GazeSums {
     pub fn new(faces: &SolvedFaces) -> Self {
         let mut sums = Self::default();
         let pairs = faces.estimates.iter().zip(&faces.truths);
-        for ((estimate, truth), yaw_deg) in pairs.zip(&faces.yaw_deg) {
-            let turn = TURNS_DEG.iter().position(|end| yaw_deg.abs() <= *end).unwrap_or(TURNS_DEG.len() - 1);
+        for ((estimate, truth), yaw_deg) in pairs.zip(&faces.head_yaw_deg) {
+            let turn =
+                HEAD_YAW_ENDS_DEG.iter().position(|end| yaw_deg.abs() <= *end).unwrap_or(HEAD_YAW_ENDS_DEG.len() - 1);
             if LIDS.iter().all(|lid| truth[*lid] <= SHUT) {
                 let [seen, real] = [estimate, truth].map(direction_deg);
                 for (axis, (seen, real)) in sums.turns[turn].iter_mut().zip(seen.into_iter().zip(real)) {
@@ -86,31 +85,34 @@ impl AddAssign<&GazeSums> for GazeSums {
 pub fn tables(judgement: &Judgement) -> [Table; 2] {
     let mut all = GazeSums::default();
     judgement.people.iter().for_each(|person| all += &person.gaze);
-    [directions(judgement, &all), sizes(&all)]
+    [directions(judgement, &all), movement_sizes(&all)]
 }
 
 fn directions(judgement: &Judgement, all: &GazeSums) -> Table {
     let cells = |(moments, error_deg): Axis| {
-        let figures = [(moments.truth_deviation(), 1), (moments.pearson(), 3), (moments.slope(), 2)];
-        let error = (error_deg / moments.count, 1);
-        figures.into_iter().chain([error]).map(|(value, decimals)| number(Some(value), decimals)).collect::<Vec<_>>()
+        let error = error_deg / moments.count;
+        let figures = [(moments.truth_deviation(), 1), (moments.pearson(), 3), (moments.slope(), 2), (error, 1)];
+        figures.map(|(value, decimals)| number(Some(value), decimals)).to_vec()
     };
     let mut rows = Vec::new();
-    for (axis, name) in AXES.into_iter().enumerate() {
-        let everywhere = 0..TURNS_DEG.len();
+    for (axis, name) in ["yaw", "pitch"].into_iter().enumerate() {
+        let everywhere = 0..HEAD_YAW_ENDS_DEG.len();
         let error = |(moments, error_deg): Axis| error_deg / moments.count;
         let people = judgement.people.iter().map(|person| person.gaze.axis(axis, everywhere.clone()));
-        let worst = people.max_by(|one, other| error(*one).total_cmp(&error(*other))).unwrap_or_default();
+        let seen = people.filter(|(moments, _)| moments.count > 0.0);
+        let worst = seen.max_by(|one, other| error(*one).total_cmp(&error(*other))).unwrap_or_default();
         rows.push([vec![name.to_owned()], cells(all.axis(axis, everywhere))].concat());
-        for (turn, end) in TURNS_DEG.into_iter().enumerate() {
-            rows.push([vec![format!("{name}, head up to {end}")], cells(all.axis(axis, turn..turn + 1))].concat());
+        for (turn, end) in HEAD_YAW_ENDS_DEG.into_iter().enumerate() {
+            rows.push(
+                [vec![format!("{name}, head turned up to {end}")], cells(all.axis(axis, turn..turn + 1))].concat(),
+            );
         }
         rows.push([vec![format!("{name}, worst person")], cells(worst)].concat());
     }
     Table::new(["gaze (degrees)", "deviation of truth", "r", "slope", "mean error"], rows)
 }
 
-fn sizes(all: &GazeSums) -> Table {
+fn movement_sizes(all: &GazeSums) -> Table {
     let row = |(name, levels): (&&str, &[[f64; 2]; LEVELS.len()])| {
         let ratio = |[estimate, truth]: &[f64; 2]| number((*truth > 0.0).then_some(estimate / truth), 2);
         [(*name).to_owned()].into_iter().chain(levels[1..].iter().map(ratio)).collect::<Vec<_>>()
@@ -134,12 +136,12 @@ mod tests {
         for left in [-0.8_f32, -0.2, 0.4, 0.6] {
             faces.truths.push(looking(left));
             faces.estimates.push(looking(0.5 * left));
-            faces.yaw_deg.push(-15.0);
+            faces.head_yaw_deg.push(-15.0);
         }
         let sums = GazeSums::new(&faces);
         let (moments, error_deg) = sums.axis(0, 1..2);
         assert!((moments.slope() - 0.5).abs() < 1e-3 && (moments.pearson() - 1.0).abs() < 1e-6);
-        assert!((error_deg / 4.0 - 0.5 * 0.5 * 34.7).abs() < 1e-3, "{}", error_deg);
+        assert!((error_deg / 4.0 - 0.5 * 0.5 * 34.7).abs() < 1e-3, "{error_deg}");
         assert!(sums.axis(0, 0..1).0.count < 1.0);
         faces.truths.iter_mut().for_each(|truth| truth[LIDS[1]] = 0.9);
         assert!(GazeSums::new(&faces).axis(0, 0..3).0.count < 1.0);

@@ -75,8 +75,9 @@ impl Set {
                     let shown = clip.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
                     let estimates = shown.collect();
                     let is_neutral = clip.faces.iter().map(|face| face.number < *neutral_frames).collect();
-                    let yaw_deg = clip.truth.pose_deg.iter().map(|pose| pose[0]).collect();
-                    let faces = SolvedFaces { estimates, truths: clip.truth.coefficients.clone(), is_neutral, yaw_deg };
+                    let head_yaw_deg = clip.truth.pose_deg.iter().map(|pose| pose[0]).collect();
+                    let faces =
+                        SolvedFaces { estimates, truths: clip.truth.coefficients.clone(), is_neutral, head_yaw_deg };
                     Person::new(clip.name.clone(), &faces, true)
                 };
                 Ok(models.iter().map(|model| clips.par_iter().map(|clip| person(model, clip)).collect()).collect())
@@ -134,7 +135,7 @@ fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Per
         person.estimates.push(core::array::from_fn(|blendshape| estimates[blendshape][row]));
         person.truths.push(sample.truth);
         person.is_neutral.push(sample.neutral);
-        person.yaw_deg.push(sample.pose_deg[0]);
+        person.head_yaw_deg.push(sample.pose_deg[0]);
     }
     Ok(people.iter().map(|(subject, faces)| Person::new(subject.to_string(), faces, false)).collect())
 }

@@ -44,7 +44,7 @@ pub enum Kind {
     Single,
     /// Three to six random shapes
     Combined,
-    /// A recorded face whose eyes look anywhere in their range
+    /// A calm face, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
     Gaze,
     /// No expression, to teach what turning the head alone looks like
     Rest,

@@ -10,7 +10,7 @@ use crate::design::index_of;
 
 pub type Coefficients = [f32; COEFFS];
 
-/// Rotation of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
+/// Rotation of the rig's eyeballs per unit of `eyeLook`, sideways and up or down. The solver has ARKit's `FULL_GAZE_DEG`.
 pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
 pub struct Deformer {

@@ -39,9 +39,8 @@ pub struct Looks {
     /// Offset of the brows' inner and outer end in centimetres, positive upwards.
     pub brow_lift: [f32; 2],
     pub brow_thickness: f32,
-    /// Radius of the iris relative to the eyeball's.
+    /// Radius of the iris relative to the eyeball's, and its lightness relative to the texture's.
     pub iris_radius: f32,
-    /// Lightness of the iris relative to the texture's.
     pub iris_lightness: f32,
     pub lashes: f32,
     /// Colour of the clothes and height of their collar in centimetres.

@@ -125,7 +125,7 @@ fn joined(ports: &[PathBuf]) -> String {
 
 /// Lists the serial ports of USB devices by their nodes.
 fn usb_ports() -> impl Iterator<Item = (PathBuf, Numbers)> {
-    // If this folder cannot be read, the list of ports panics.
+    // `available_ports` panics if this folder cannot be read.
     let ports = fs::read_dir("/sys/class/tty").ok().and_then(|_| available_ports().ok());
     ports.unwrap_or_default().into_iter().filter_map(|port| match port.port_type {
         SerialPortType::UsbPort(usb) => Some((port.port_name.into(), (usb.vid, usb.pid))),

@@ -53,7 +53,7 @@ const ROWS: [[&str; 2]; 19] = [
     ["cheekPuff", "mouthShrugLower"],
 ];
 
-/// Takes the whole terminal until what is returned is dropped.
+/// Takes the whole terminal until the returned guard is dropped.
 pub fn enter() -> io::Result<Restore> {
     let restore = Restore(|| execute!(io::stdout(), EnableLineWrap, cursor::Show, LeaveAlternateScreen));
     execute!(io::stdout(), EnterAlternateScreen, cursor::Hide, DisableLineWrap, Clear(ClearType::All))?;

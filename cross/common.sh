@@ -7,7 +7,7 @@ target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/ta
 program=${0##*/}
 # The programs that boards get.
 # shellcheck disable=SC2034 # The scripts that source this file use it.
-shipped=(facewire facewire-tools facewire-view)
+shipped=(facewire facewire-tools facewire-console)
 
 say() { printf '%s: %s\n' "$program" "$*"; }
 
@@ -62,7 +62,7 @@ build_programs() {
     shift
     (cd "$root" && export CARGO_TARGET_DIR=$target_folder &&
         cargo build --locked --package facewire --package facewire-tools --bins ${features:+"$features"} "$@" &&
-        cargo build --locked --package facewire-view "$@")
+        cargo build --locked --package facewire-console "$@")
 }
 
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the

@@ -15,7 +15,7 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-PROGRAMS = ["facewire", "facewire-tools", "facewire-view"]
+PROGRAMS = ["facewire", "facewire-tools", "facewire-console"]
 # Licences by their names in Cargo.toml, with Debian's names for them.
 PREFERRED = {"MIT": "Expat", "Apache-2.0": "Apache-2.0", "MPL-2.0": "MPL-2.0", "ISC": "ISC",
              "BSD-3-Clause": "BSD-3-clause-of-holders"}

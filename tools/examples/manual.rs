@@ -1,8 +1,8 @@
-//! Writes the manual pages and the shell completions of `facewire` and `facewire-view` into a folder. They come from the
+//! Writes the manual pages and the shell completions of `facewire` and `facewire-console` into a folder. They come from the
 //! definitions with which the programs read their arguments, so they cannot differ from them. `scripts/package` runs this
 //! program.
 
-#[path = "../../view/src/args.rs"]
+#[path = "../../console/src/args.rs"]
 mod view;
 
 use std::path::{Path, PathBuf};

@@ -9,7 +9,7 @@ install_package facewire.deb
 [ "$(systemctl is-enabled facewire)" = disabled ] || fail "after the installation it is $(systemctl is-enabled facewire)"
 [ "$(property ActiveState)" = inactive ] || fail "after the installation it is $(property ActiveState)"
 facewire --version
-for file in man/man1/facewire-run.1.gz man/man1/facewire-view.1.gz bash-completion/completions/facewire \
+for file in man/man1/facewire-run.1.gz man/man1/facewire-console.1.gz bash-completion/completions/facewire \
     doc/facewire/copyright facewire/defaults.toml; do
     [ -s /usr/share/$file ] || fail "no /usr/share/$file"
 done
@@ -25,7 +25,7 @@ grep 'link opened' $work/log
 # The live view, without any settings, shows what the service sends to this machine.
 view=http://127.0.0.1:5252
 shown() { busybox timeout 5 busybox wget -qO- $view/events | grep -q '"reason":"no face"'; }
-facewire-view >$work/view 2>&1 &
+facewire-console >$work/view 2>&1 &
 await shown
 busybox wget -qO- $view/ | grep -q '<canvas' || fail "no page: $(cat $work/view)"
 

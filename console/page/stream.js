@@ -1,4 +1,4 @@
-// The connection to facewire-view: one stream of events, which the browser opens again after it has broken.
+// The connection to facewire-console: one stream of events, which the browser opens again after it has broken.
 
 // Calls `on.hello` with what does not change, `on.snapshot` with each snapshot, and `on.lost` when the connection breaks, with
 // the server's reason if it was refused.

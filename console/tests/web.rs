@@ -238,7 +238,7 @@ fn what_cannot_be_opened_is_named_with_the_remedy() {
     let (status, error) = ended(&["--listen", "127.0.0.1:0", "--udp", &udp]);
     assert_eq!(status, Some(1));
     assert!(
-        error.starts_with("facewire-view: cannot receive packets at") && error.contains("give --udp another"),
+        error.starts_with("facewire-console: cannot receive packets at") && error.contains("give --udp another"),
         "{error}"
     );
     let (status, error) = ended(&["--listen", viewer.host(), "--udp", "127.0.0.1:0"]);

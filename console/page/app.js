@@ -53,7 +53,7 @@ function snapshot(message) {
   }
 }
 
-// Times come from the clock of facewire-view. The message that arrived fastest tells best how far that clock is ahead.
+// Times come from the clock of facewire-console. The message that arrived fastest tells best how far that clock is ahead.
 function setClock({ time_s: time, since_ms: since }) {
   page.clock = Math.max(page.clock ?? -Infinity, time * 1000 + since - now());
   page.arrived = time * 1000 - page.clock;
@@ -154,6 +154,6 @@ try {
   element("no-face").hidden = false;
   console.warn(`The face cannot be drawn: ${error.message}`);
 }
-const lost = (reason = "no connection to facewire-view") => (page.connection = reason);
+const lost = (reason = "no connection to facewire-console") => (page.connection = reason);
 connect({ hello, snapshot, lost }, () => page.recorder !== undefined);
 requestAnimationFrame(frame);

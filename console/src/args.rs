@@ -4,10 +4,10 @@ use std::{net::SocketAddr, path::PathBuf};
 
 const HELP: &str = "\
 Examples:
-  facewire-view                              show what comes to UDP port 5252
-  facewire-view --listen 0.0.0.0:8080        open the page on a phone
-  facewire-view --udp 239.255.52.52:5252     receive from a multicast group
-  facewire-view --serial /dev/ttyUSB0        read a serial line
+  facewire-console                              show what comes to UDP port 5252
+  facewire-console --listen 0.0.0.0:8080        open the page on a phone
+  facewire-console --udp 239.255.52.52:5252     receive from a multicast group
+  facewire-console --serial /dev/ttyUSB0        read a serial line
 
 Exit status:
    0  success                       2  invalid arguments
@@ -15,7 +15,7 @@ Exit status:
 
 /// Shows the packets of facewire live in a browser: a face that moves, bars, plots and a recording.
 #[derive(Debug, Clone, clap::Parser)]
-#[command(name = "facewire-view", version, after_help = HELP)]
+#[command(name = "facewire-console", version, after_help = HELP)]
 pub struct Args {
     /// Address and port of the page. Other machines need an address of this machine, or `0.0.0.0` or `[::]` for all of
     /// them; the page then has a random token in its address

@@ -23,7 +23,7 @@ pub const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Returns a command that runs the program.
 pub fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire-view"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire-console"));
     command.args(arguments).stdin(Stdio::null());
     command
 }

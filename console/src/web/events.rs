@@ -34,7 +34,7 @@ const KEEP_ALIVE: Duration = Duration::from_millis(500);
 
 const FULL: Refusal = Refusal(
     StatusCode::SERVICE_UNAVAILABLE,
-    "As many pages as facewire-view serves at a time are open. Close one of them.\n",
+    "As many pages as facewire-console serves at a time are open. Close one of them.\n",
 );
 
 /// Opens streams.

@@ -33,7 +33,7 @@ export class Recorder {
     if (this.rows.length >= ROWS_OF_A_BLOB) this.pack();
   }
 
-  // Continues the numbers and times after a restart of facewire-view, which counts packets from 1 again.
+  // Continues the numbers and times after a restart of facewire-console, which counts packets from 1 again.
   goOn({ number, time_s: time }) {
     this.origin = {
       number: number - 1 - (this.last.number - this.origin.number),

@@ -27,7 +27,7 @@ fn at_60_packets_a_second_and_one_page_it_takes_little_of_a_core_and_of_memory()
     let last = events.until(|event| event["packets"].as_u64() > Some(660));
     let span_s = last["packet"]["time_s"].as_f64().unwrap() - first["packet"]["time_s"].as_f64().unwrap();
     let share = (cpu_s(viewer.pid()) - before_s) / span_s;
-    let program = fs::metadata(env!("CARGO_BIN_EXE_facewire-view")).unwrap().len();
+    let program = fs::metadata(env!("CARGO_BIN_EXE_facewire-console")).unwrap().len();
     println!(
         "program {:.1} MB, peak memory {:.1} MB, {:.2} % of a core at {:.0} packets a second",
         program as f64 / 1e6,

@@ -17,12 +17,12 @@ use super::{Refusal, token::Token};
 const METHOD: Refusal = Refusal(StatusCode::METHOD_NOT_ALLOWED, "This program only serves pages: use GET.\n");
 const OTHER_HOST: Refusal = Refusal(
     StatusCode::MISDIRECTED_REQUEST,
-    "This machine has another name. Open the address that facewire-view printed.\n",
+    "This machine has another name. Open the address that facewire-console printed.\n",
 );
-const OTHER_PAGE: Refusal = Refusal(StatusCode::FORBIDDEN, "Only the page of facewire-view itself may read this.\n");
+const OTHER_PAGE: Refusal = Refusal(StatusCode::FORBIDDEN, "Only the page of facewire-console itself may read this.\n");
 const NO_TOKEN: Refusal = Refusal(
     StatusCode::FORBIDDEN,
-    "The address lacks the token. Open the whole address that facewire-view printed when it started.\n",
+    "The address lacks the token. Open the whole address that facewire-console printed when it started.\n",
 );
 
 /// The rules for requests.

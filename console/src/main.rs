@@ -1,4 +1,4 @@
-//! `facewire-view`: shows the packets of facewire live in a browser.
+//! `facewire-console`: shows the packets of facewire live in a browser.
 //!
 //! Role: a receiver with a page. A thread of its own receives packets by UDP or from a serial port ([`source`]) and
 //! keeps the newest in a [`Snapshot`]; the main thread serves the page, and sends each open page the newest snapshot
@@ -73,7 +73,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             // Standard error may be closed.
-            let _ = writeln!(io::stderr(), "facewire-view: {failure}");
+            let _ = writeln!(io::stderr(), "facewire-console: {failure}");
             ExitCode::from(failure.status())
         }
     }

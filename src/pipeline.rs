@@ -9,12 +9,11 @@ use std::time::{Duration, Instant};
 use facewire_face::{
     Camera, Face, Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
 };
-use facewire_packet::Reason;
+use facewire_packet::{Pose, Reason};
 
 use crate::calibration::{Observation, Store, StoreError, WearerName, model_hash};
 use crate::capture::{Content, Frame};
 use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
-use crate::link::Pose;
 use crate::recording::Recorded;
 
 #[derive(Debug)]
@@ -69,17 +68,6 @@ impl Processed<'_> {
         match self.pose() {
             Ok(pose) => Recorded::new(time_us, &pose, self.frame.size_px(), landmarks),
             Err(reason) => Recorded::nothing(time_us, reason),
-        }
-    }
-}
-
-impl From<&Solution> for Pose {
-    fn from(solution: &Solution) -> Self {
-        Self {
-            rotation: solution.head.rotation_xyzw,
-            position_mm: solution.head.position_mm,
-            coefficients: solution.smoothed.0,
-            neutral_face: solution.neutral_face,
         }
     }
 }

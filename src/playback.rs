@@ -8,11 +8,11 @@ use std::ops::Range;
 
 use facewire_face::stages::{FaceMean, normalise};
 use facewire_face::{Appearance, Landmarks, Neutral, Solution, SolveError};
-use facewire_packet::{Reason, State};
+use facewire_packet::{Pose, Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
-use crate::link::Pose;
+
 use crate::pipeline::{Pipeline, SetupError};
 use crate::service::ServiceError;
 use crate::service::failsafe::{Failsafe, History};

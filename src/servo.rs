@@ -9,8 +9,7 @@
 
 use std::time::Instant;
 
-use facewire_face::yaw_pitch_roll_deg;
-use facewire_packet::{BLENDSHAPE_COUNT, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPE_COUNT, Packet, Reason, State, yaw_pitch_roll_deg};
 
 use crate::config::{AtLoss, ChannelSettings, SOURCE_COUNT, Sources};
 

@@ -25,8 +25,8 @@ pub use infer::{Engine, EngineChoice, InferError, engine};
 pub use model::{Model, ModelError};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use solve::{
-    Adjustment, Adjustments, Camera, FULL_GAZE_DEG, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose,
-    MAX_REST, Neutral, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, yaw_pitch_roll_deg,
+    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Neutral,
+    NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver,
 };
 pub use track::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};
 

@@ -17,7 +17,7 @@
 //! assert!((received.coefficients[17] - 0.5).abs() < 1.0 / 65535.0);
 //! # Ok::<(), facewire_packet::DecodeError>(())
 //! ```
-#![no_std]
+#![cfg_attr(not(feature = "std"), no_std)]
 #![warn(missing_docs, clippy::pedantic)]
 #![allow(clippy::cast_precision_loss, reason = "what is converted is below the 2^24 that an f32 holds exactly")]
 
@@ -26,6 +26,7 @@ mod error;
 mod field;
 mod frame;
 mod packet;
+mod pose;
 mod quantise;
 mod receiver;
 mod state;
@@ -37,6 +38,9 @@ pub use error::DecodeError;
 pub use field::PACKET_BYTES;
 pub use frame::{FRAME_BYTES, FrameReader};
 pub use packet::{Packet, SILENCE_MS, VERSION};
+#[cfg(feature = "std")]
+pub use pose::yaw_pitch_roll_deg;
+pub use pose::{FULL_GAZE_DEG, Pose};
 pub use receiver::{Face, LATE_MS, Receiver, TRAVEL_MS};
 pub use state::{NeutralFace, Reason, State};
 #[cfg(feature = "std")]

@@ -57,7 +57,7 @@ pub struct Receiver {
     taken_ms: u32,
     is_silent: bool,
     /// The face where the current move began.
-    start: Pose,
+    start: Moving,
     /// How long the current move has taken, at most the travel time.
     moved_ms: u32,
     updated_ms: u32,
@@ -76,13 +76,13 @@ pub struct Face {
 
 /// The moving values in the integers of the wire.
 #[derive(Debug, Clone, Copy)]
-struct Pose {
+struct Moving {
     /// x, y and z of a quaternion whose w is 0 or more.
     vector: [i32; 3],
     coefficients: [i32; BLENDSHAPE_COUNT],
 }
 
-impl Pose {
+impl Moving {
     const NEUTRAL: Self = Self { vector: [0; 3], coefficients: [0; BLENDSHAPE_COUNT] };
 }
 
@@ -97,7 +97,7 @@ impl Receiver {
             packet: Packet::NEUTRAL,
             taken_ms: 0,
             is_silent: true,
-            start: Pose::NEUTRAL,
+            start: Moving::NEUTRAL,
             moved_ms: 0,
             updated_ms: 0,
         }
@@ -155,7 +155,7 @@ impl Receiver {
     }
 
     /// Where the face is on its move.
-    fn shown(&self) -> Pose {
+    fn shown(&self) -> Moving {
         let target = self.target();
         let share = self.share();
         let between = |start: i32, end: i32| start + (end - start) * share / ARRIVED;
@@ -170,12 +170,12 @@ impl Receiver {
     }
 
     /// Where the move goes.
-    fn target(&self) -> Pose {
+    fn target(&self) -> Moving {
         if self.is_silent {
-            return Pose::NEUTRAL;
+            return Moving::NEUTRAL;
         }
         let [x, y, z, _] = upright(self.packet.rotation);
-        Pose {
+        Moving {
             vector: [x, y, z],
             coefficients: self.packet.coefficients.map(|value| quantise::coefficient(value).into()),
         }

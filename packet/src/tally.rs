@@ -1,7 +1,5 @@
 //! Counts what arrives at a receiver that has a clock and memory: rates, losses, and a second sender.
 
-extern crate std;
-
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 

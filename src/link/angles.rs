@@ -4,8 +4,7 @@
 //! `Ry(yaw) Rx(-pitch) Rz(roll)`, the order in which Unity and Unreal compose theirs: the head tilts first, nods next
 //! and turns last.
 
-use facewire_face::FULL_GAZE_DEG;
-use facewire_packet::BLENDSHAPE_COUNT;
+use facewire_packet::{BLENDSHAPE_COUNT, FULL_GAZE_DEG};
 
 /// [`FULL_GAZE_DEG`] in radians.
 pub const FULL_GAZE: f32 = FULL_GAZE_DEG * std::f32::consts::PI / 180.0;
@@ -73,7 +72,7 @@ impl Gaze {
 
 #[cfg(test)]
 mod tests {
-    use facewire_face::yaw_pitch_roll_deg;
+    use facewire_packet::yaw_pitch_roll_deg;
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;

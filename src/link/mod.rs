@@ -28,6 +28,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 use facewire_packet::Packet;
+pub use facewire_packet::Pose;
 
 use self::angles::Gaze;
 pub use self::background::Background;
@@ -36,7 +37,8 @@ pub use self::ifacialmocap::request as ifacialmocap_request;
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
-pub use self::output::{Output, Pace, Pose};
+pub(crate) use self::output::towards;
+pub use self::output::{Output, Pace};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
@@ -245,17 +247,9 @@ fn encoder_of(kind: &LinkKind) -> Encoder {
 
 /// The facewire packet, version 1: each in a datagram, or as a COBS frame on a serial line.
 fn packet(output: &Output, sequence: u32) -> Packet {
-    Packet {
-        state: output.state,
-        reason: output.reason,
-        neutral_face: output.pose.neutral_face,
-        sequence: sequence as u16,
-        age_us: u32::try_from(output.age_us).unwrap_or(u32::MAX),
-        capture_us: output.capture_us as u32,
-        rotation: output.pose.rotation,
-        position_mm: output.pose.position_mm,
-        coefficients: output.pose.coefficients,
-    }
+    let Output { state, reason, age_us, capture_us, .. } = *output;
+    let (age_us, capture_us) = (u32::try_from(age_us).unwrap_or(u32::MAX), capture_us as u32);
+    Packet { state, reason, sequence: sequence as u16, age_us, capture_us, ..Packet::NEUTRAL }.with_pose(&output.pose)
 }
 
 #[cfg(test)]

@@ -7,7 +7,8 @@
 //! Time is an argument: a clock that stands still or steps back delays packets and does no other harm.
 
 use facewire_face::stages::mirror_image;
-use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
+use facewire_packet::{Pose, Reason, State};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::config::{LinkSettings, Loss, PaceKind};
 
@@ -18,37 +19,9 @@ const COEFFICIENT_STEP: f32 = 0.005;
 /// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
 const ROTATION_STEP: f32 = 0.004_363;
 const POSITION_STEP_MM: f32 = 2.0;
-
-/// A pose of the face. The fields are those of [`facewire_packet::Packet`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Head rotation, unit quaternion x y z w. It is the identity when the head faces the camera.
-    pub rotation: [f32; 4],
-    /// Head position in the camera's frame, millimetres.
-    pub position_mm: [f32; 3],
-    /// Blendshape coefficients, 0..=1, in the order of [`facewire_packet::BLENDSHAPES`].
-    pub coefficients: [f32; BLENDSHAPE_COUNT],
-    /// The neutral face from which the coefficients are measured.
-    pub neutral_face: NeutralFace,
-}
-
-impl Pose {
-    /// No expression, facing the camera.
-    pub const NEUTRAL: Self = Self {
-        rotation: [0.0, 0.0, 0.0, 1.0],
-        position_mm: [0.0; 3],
-        coefficients: [0.0; BLENDSHAPE_COUNT],
-        neutral_face: NeutralFace::Mean,
-    };
-
-    /// Whether a receiver would show the difference between two poses.
-    fn differs_visibly(&self, other: &Self) -> bool {
-        let moves = |from: &[f32], to: &[f32], step| from.iter().zip(to).any(|(from, to)| (from - to).abs() >= step);
-        moves(&self.coefficients, &other.coefficients, COEFFICIENT_STEP)
-            || moves(&self.rotation, &other.rotation, ROTATION_STEP)
-            || moves(&self.position_mm, &other.position_mm, POSITION_STEP_MM)
-    }
-}
+/// How far the head may turn and move while a coefficient may move by 1. At 4 units/s this is 180 degrees/s and 1 m/s.
+const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
+const MM_PER_UNIT: f32 = 250.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
@@ -96,7 +69,7 @@ impl Shown {
             self.held = Some((pose, now_us));
         } else if let Some((pose, since_us)) = self.held.take() {
             let elapsed_s = now_us.saturating_sub(since_us) as f32 * 1e-6;
-            shown.pose = pose.towards(&output.pose, 1.0, slew_per_s * elapsed_s);
+            shown.pose = towards(&pose, &output.pose, 1.0, slew_per_s * elapsed_s);
             shown.moving = shown.pose != output.pose;
             self.held = shown.moving.then_some((shown.pose, now_us));
         }
@@ -148,10 +121,43 @@ fn interval_us(loss: Loss, kind: PaceKind, period_us: u64, last: &Output, output
         _ if loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral => u64::MAX,
         PaceKind::Pose if is_new_state => 0,
         PaceKind::Pose if output.moving || output.state == State::Hold => period_us,
-        PaceKind::Change if is_new_state || last.pose.differs_visibly(&output.pose) => period_us,
+        PaceKind::Change if is_new_state || differs_visibly(&last.pose, &output.pose) => period_us,
         PaceKind::Pose | PaceKind::Change => KEEP_ALIVE_US,
         PaceKind::Rate => period_us,
     }
+}
+
+/// Whether a receiver would show the difference between two poses.
+fn differs_visibly(one: &Pose, other: &Pose) -> bool {
+    let moves = |from: &[f32], to: &[f32], step| from.iter().zip(to).any(|(from, to)| (from - to).abs() >= step);
+    moves(&one.coefficients, &other.coefficients, COEFFICIENT_STEP)
+        || moves(&one.rotation, &other.rotation, ROTATION_STEP)
+        || moves(&one.position_mm, &other.position_mm, POSITION_STEP_MM)
+}
+
+/// Moves a pose the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head likewise.
+pub fn towards(pose: &Pose, target: &Pose, part: f32, limit: f32) -> Pose {
+    let share = |way: f32, limit: f32| part.min(limit / way);
+    let mut moved = *target;
+    for (value, from) in moved.coefficients.iter_mut().zip(pose.coefficients) {
+        let way = *value - from;
+        let share = share(way.abs(), limit);
+        if share < 1.0 {
+            *value = from + way * share;
+        }
+    }
+    let [from, to] = [pose, target].map(|pose| UnitQuaternion::new_normalize(Quaternion::from(pose.rotation)));
+    let turn = from.rotation_to(&to);
+    let turned = share(turn.angle(), limit * RADIANS_PER_UNIT);
+    if turned < 1.0 {
+        moved.rotation = (turn.powf(turned) * from).coords.into();
+    }
+    let [from, to] = [pose, target].map(|pose| Vector3::from(pose.position_mm));
+    let gone = share((to - from).norm(), limit * MM_PER_UNIT);
+    if gone < 1.0 {
+        moved.position_mm = (from + (to - from) * gone).into();
+    }
+    moved
 }
 
 #[cfg(test)]

@@ -1,9 +1,7 @@
 //! One frame of a recording, and its bytes.
 
-use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
-
-use crate::link::Pose;
 use facewire_face::{LANDMARKS, Landmarks};
+use facewire_packet::{PACKET_BYTES, Packet, Pose, Reason, State};
 
 const STEPS_PER_PX: f32 = 32.0;
 /// Largest coordinate, steps: 32,768 pixels.
@@ -42,9 +40,7 @@ impl Recorded {
             Ok(pose) => (State::Live, Reason::None, pose),
             Err(reason) => (State::Neutral, *reason, &Pose::NEUTRAL),
         };
-        let Pose { rotation, position_mm, coefficients, neutral_face } = *pose;
-        let packet =
-            Packet { state, reason, neutral_face, rotation, position_mm, coefficients, age_us: 0, ..Packet::NEUTRAL };
+        let packet = Packet { state, reason, age_us: 0, ..Packet::NEUTRAL }.with_pose(pose);
         bytes.extend_from_slice(&self.time_us.to_le_bytes());
         bytes.extend_from_slice(&packet.encode());
         let size_px = if self.landmarks.is_some() { self.size_px } else { [0; 2] };
@@ -64,9 +60,7 @@ impl Recorded {
     pub(super) fn read(bytes: &mut &[u8], before: &mut Steps) -> Option<Self> {
         let time_us = u64::from_le_bytes(take(bytes)?);
         let packet = Packet::decode(&take::<PACKET_BYTES>(bytes)?).ok()?;
-        let Packet { state, reason, rotation, position_mm, coefficients, neutral_face, .. } = packet;
-        let pose = Pose { rotation, position_mm, coefficients, neutral_face };
-        let pose = if state == State::Live { Ok(pose) } else { Err(reason) };
+        let pose = if packet.state == State::Live { Ok(packet.pose()) } else { Err(packet.reason) };
         let size_px = [u16::from_le_bytes(take(bytes)?), u16::from_le_bytes(take(bytes)?)];
         if size_px.contains(&0) {
             return Some(Self { time_us, pose, size_px, landmarks: None });

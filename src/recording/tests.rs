@@ -3,10 +3,9 @@
 use std::path::PathBuf;
 
 use facewire_face::Landmarks;
-use facewire_packet::Reason;
+use facewire_packet::{Pose, Reason};
 
 use super::*;
-use crate::link::Pose;
 
 /// A file name in a folder that is removed at the end, and frames of a face that moves, 30 a second, every tenth without a
 /// face.

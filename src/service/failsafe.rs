@@ -11,20 +11,17 @@ mod tests;
 
 use std::time::Duration;
 
-use facewire_packet::{Reason, State};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use facewire_packet::{Pose, Reason, State};
+use nalgebra::Quaternion;
 
 use crate::config::FailsafeSettings;
-use crate::link::{Output, Pose};
+use crate::link::{Output, towards};
 
 /// Frame periods without a pose for which the face stays live: a camera may drop two frames in a row.
 pub(super) const LIVE_FRAMES: u64 = 3;
 /// Good poses in a row that end a decay or a neutral face, and the shortest time from the first to the last of them.
 const RECOVERY_POSES: u32 = 3;
 const RECOVERY_US: u64 = 100_000;
-/// How far the head may turn and move while a coefficient may move by 1. At 4 units/s this is 180 degrees/s and 1 m/s.
-const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
-const MM_PER_UNIT: f32 = 250.0;
 /// Rounding errors that a coefficient of 0 or 1, and the length of the quaternion, may have.
 const COEFFICIENT_TOLERANCE: f32 = 1e-3;
 const ROTATION_TOLERANCE: f32 = 1e-2;
@@ -77,7 +74,7 @@ impl Failsafe {
         let limit = self.slew(history.advance(now_us));
         let output = &mut history.output;
         let neutral = output.pose.neutral_here();
-        output.pose = output.pose.towards(&neutral, 1.0, limit);
+        output.pose = towards(&output.pose, &neutral, 1.0, limit);
         let state = if output.pose == neutral { State::Neutral } else { State::Decay };
         Output { state, reason: Reason::Stopping, followed: false, moving: true, ..output.clone() }
     }
@@ -116,7 +113,7 @@ impl Failsafe {
             return Ok(false);
         }
         let age_us = now_us.saturating_sub(capture_us);
-        let pose = pose.checked().ok_or(Reason::BadResult)?;
+        let pose = checked(&pose).ok_or(Reason::BadResult)?;
         if age_us >= self.live_us {
             return Err(Reason::Late);
         }
@@ -136,7 +133,7 @@ impl Failsafe {
         let (limit, output) = (self.slew(elapsed_us), &mut history.output);
         match output.state {
             State::Live if history.is_ramping => {
-                output.pose = output.pose.towards(&history.target, 1.0, limit);
+                output.pose = towards(&output.pose, &history.target, 1.0, limit);
                 history.is_ramping = output.pose != history.target;
             }
             State::Live => output.pose = history.target,
@@ -144,7 +141,7 @@ impl Failsafe {
             State::Decay => {
                 let part = self.decayed_part(before_us, output.age_us);
                 let neutral = output.pose.neutral_here();
-                output.pose = output.pose.towards(&neutral, part, limit);
+                output.pose = towards(&output.pose, &neutral, part, limit);
                 if part >= 1.0 && output.pose == neutral {
                     output.state = State::Neutral;
                 }
@@ -222,48 +219,16 @@ impl History {
     }
 }
 
-impl Pose {
-    /// The neutral face at the position of this pose: a head has no neutral position.
-    fn neutral_here(&self) -> Self {
-        Self { position_mm: self.position_mm, neutral_face: self.neutral_face, ..Self::NEUTRAL }
-    }
-
-    /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
-    fn checked(&self) -> Option<Self> {
-        let (plausible, quaternion) =
-            (-COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE, Quaternion::from(self.rotation));
-        let is_good = self.coefficients.iter().all(|value| plausible.contains(value))
-            && self.position_mm.iter().all(|mm| mm.abs() <= POSITION_LIMIT_MM)
-            && (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
-        is_good.then(|| Self {
-            rotation: quaternion.normalize().coords.into(),
-            coefficients: self.coefficients.map(|value| value.clamp(0.0, 1.0)),
-            ..*self
-        })
-    }
-
-    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head likewise.
-    pub(crate) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
-        let share = |way: f32, limit: f32| part.min(limit / way);
-        let mut moved = *target;
-        for (value, from) in moved.coefficients.iter_mut().zip(self.coefficients) {
-            let way = *value - from;
-            let share = share(way.abs(), limit);
-            if share < 1.0 {
-                *value = from + way * share;
-            }
-        }
-        let [from, to] = [self, target].map(|pose| UnitQuaternion::new_normalize(Quaternion::from(pose.rotation)));
-        let turn = from.rotation_to(&to);
-        let turned = share(turn.angle(), limit * RADIANS_PER_UNIT);
-        if turned < 1.0 {
-            moved.rotation = (turn.powf(turned) * from).coords.into();
-        }
-        let [from, to] = [self, target].map(|pose| Vector3::from(pose.position_mm));
-        let gone = share((to - from).norm(), limit * MM_PER_UNIT);
-        if gone < 1.0 {
-            moved.position_mm = (from + (to - from) * gone).into();
-        }
-        moved
-    }
+/// Removes rounding errors. Returns `None` if any value is not a number or out of range.
+fn checked(pose: &Pose) -> Option<Pose> {
+    let (plausible, quaternion) =
+        (-COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE, Quaternion::from(pose.rotation));
+    let is_good = pose.coefficients.iter().all(|value| plausible.contains(value))
+        && pose.position_mm.iter().all(|mm| mm.abs() <= POSITION_LIMIT_MM)
+        && (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
+    is_good.then(|| Pose {
+        rotation: quaternion.normalize().coords.into(),
+        coefficients: pose.coefficients.map(|value| value.clamp(0.0, 1.0)),
+        ..*pose
+    })
 }

@@ -15,8 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use facewire_face::yaw_pitch_roll_deg;
-use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State, yaw_pitch_roll_deg};
 use serde::{Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 

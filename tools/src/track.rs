@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use facewire_packet::BLENDSHAPES;
+use facewire_packet::{BLENDSHAPES, yaw_pitch_roll_deg};
 use npyz::WriterBuilder as _;
 
 use crate::input;
@@ -17,7 +17,7 @@ use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
 use facewire::pipeline::{Pipeline, load_profile};
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
 use facewire::service::Step;
-use facewire_face::{LANDMARKS, NeutralMode, Profile, yaw_pitch_roll_deg};
+use facewire_face::{LANDMARKS, NeutralMode, Profile};
 
 const EXAMPLES: &str = "\
 Examples:

@@ -5,6 +5,8 @@
 //! face, is right at those ends and on average. So the mean difference of the two is the offset, and the result blends both:
 //! mostly the map in small turns, mostly the regression in wide ones.
 
+use facewire_packet::FULL_GAZE_DEG;
+
 use super::correction::smoothstep;
 use super::features::{Features, mix};
 use super::filter::{LONGEST_STEP_S, passed};
@@ -12,12 +14,6 @@ use super::plausible::{BLINKS, GAZE, pick, put};
 use super::{COEFFS, Coefficients};
 use crate::model::GazeLayer;
 
-/// The angle of an eye whose coefficient is 1, degrees.
-///
-/// This is what ARKit means by it: in a public recording of 180 packets from the iPhone app Live Link Face
-/// (`dao.gesichter` of the project LLV), which has coefficients and rotations of the eyes side by side, the angle is 0.61
-/// radians times the difference of the opposed coefficients, with a correlation of 1.000 in all four directions.
-pub const FULL_GAZE_DEG: f32 = 35.0;
 /// Share of the regression in a small turn, for yaw and pitch.
 const SMALL_TURN_SHARES: [f32; 2] = [0.3, 0.4];
 /// What a wide turn adds to these shares.

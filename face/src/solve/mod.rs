@@ -34,11 +34,11 @@ pub use correction::{GAINS, MAX_REST, correct};
 pub(crate) use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{Features, Neutral, Reference};
 pub use filter::{Filter, FilterKind};
-pub use gaze::{FULL_GAZE_DEG, Gaze};
+pub use gaze::Gaze;
 pub use neutral_estimate::NeutralMode;
 pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;
-pub use pose::{Camera, HeadPose, mirror_image, yaw_pitch_roll_deg};
+pub use pose::{Camera, HeadPose, mirror_image};
 pub use smoothing::{Filters, FiltersState, Group};
 pub use solver::{Profile, Shaping, Solution, SolveError, Solver};
 

@@ -4,6 +4,7 @@
 //! to the picture's (x right, y up, z towards the camera). The position follows from the apparent distance of the eyes,
 //! which are assumed to be 63 mm apart. `facewire-fit judge` prints the errors.
 
+use facewire_packet::yaw_pitch_roll_deg;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::affine::Normalised;
@@ -65,7 +66,7 @@ impl HeadPose {
         Self { rotation_xyzw: xyzw.map(|part| sign * part), position_mm }
     }
 
-    /// The angles of [`yaw_pitch_roll_deg`].
+    /// The angles of [`facewire_packet::yaw_pitch_roll_deg`].
     pub fn yaw_pitch_roll_deg(&self) -> [f32; 3] {
         yaw_pitch_roll_deg(self.rotation_xyzw)
     }
@@ -73,18 +74,6 @@ impl HeadPose {
     pub(super) fn rotation(&self) -> UnitQuaternion<f32> {
         UnitQuaternion::new_unchecked(Quaternion::from(self.rotation_xyzw))
     }
-}
-
-/// Turn to the person's left, nod upwards and tilt to the person's right shoulder of a quaternion x, y, z, w, in degrees.
-pub fn yaw_pitch_roll_deg(rotation_xyzw: [f32; 4]) -> [f32; 3] {
-    let rotation = UnitQuaternion::new_normalize(Quaternion::from(rotation_xyzw));
-    // The columns are the directions of x (the person's left), y (up) and z (out of the face).
-    let [[_, _, left_z], [up_x, up_y, up_z], [_, _, forward_z]] = rotation.to_rotation_matrix().into_inner().into();
-    let yaw = (-left_z).atan2(forward_z);
-    let pitch = -up_z.clamp(-1.0, 1.0).asin();
-    let roll = (-up_x).atan2(up_y);
-    // Adding 0 turns -0 into 0.
-    [yaw, pitch, roll].map(|radians| radians.to_degrees() + 0.0)
 }
 
 /// The mirror image of a rotation (quaternion x y z w) and of a position in the camera's frame.

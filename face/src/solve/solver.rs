@@ -2,7 +2,7 @@
 //!
 //! Each part of a running solver can be replaced while the others, and the history of the filters, keep their values.
 
-use facewire_packet::NeutralFace;
+use facewire_packet::{NeutralFace, Pose};
 use thiserror::Error;
 
 use super::{
@@ -30,6 +30,13 @@ pub struct Solution {
     pub head: HeadPose,
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
+}
+
+impl From<&Solution> for Pose {
+    fn from(Solution { smoothed, head, neutral_face, .. }: &Solution) -> Self {
+        let HeadPose { rotation_xyzw: rotation, position_mm } = *head;
+        Self { rotation, position_mm, coefficients: smoothed.0, neutral_face: *neutral_face }
+    }
 }
 
 /// Why landmarks give no solution. The frame is rejected.

@@ -8,7 +8,7 @@ use std::f32::consts::FRAC_PI_2;
 use std::sync::LazyLock;
 
 use super::super::angles::{Angles, FULL_GAZE, Gaze};
-use super::super::output::Pose;
+use facewire_packet::Pose;
 
 /// What a parameter is about: one movement, several movements in one number, or the turn of the head.
 #[derive(Debug, Clone, Copy)]

@@ -40,7 +40,7 @@ impl Run {
     fn live(pose: &Pose) -> Self {
         let mut run = Self::new();
         let last = (0..60).map(|_| run.pose_after(FRAME_US, pose)).last().unwrap();
-        assert_eq!((last.state, Some(last.pose)), (State::Live, pose.checked()));
+        assert_eq!((last.state, Some(last.pose)), (State::Live, checked(pose)));
         run
     }
 

@@ -9,8 +9,7 @@ use crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen,
 };
 use crossterm::{cursor, execute, queue};
-use facewire_face::yaw_pitch_roll_deg;
-use facewire_packet::{BLENDSHAPES, Packet, State};
+use facewire_packet::{BLENDSHAPES, Packet, State, yaw_pitch_roll_deg};
 
 use super::{Tally, state};
 use crate::Restore;

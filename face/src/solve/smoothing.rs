@@ -61,7 +61,8 @@ pub struct Filters {
 /// The states of all filters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FiltersState {
-    noise: NoiseLevel,
+    noise: NoiseLevel<COEFFS>,
+    head_noise: NoiseLevel<3>,
     coefficients: [FilterState<1>; COEFFS],
     rotation: FilterState<4>,
     position: FilterState<3>,
@@ -72,7 +73,8 @@ impl Default for FiltersState {
     fn default() -> Self {
         let coefficients = [const { FilterState::Empty }; COEFFS];
         let (rotation, position) = (FilterState::Empty, FilterState::Empty);
-        Self { noise: NoiseLevel::default(), coefficients, rotation, position, last_rotation: None }
+        let (noise, head_noise) = (NoiseLevel::of_coefficients(), NoiseLevel::of_head());
+        Self { noise, head_noise, coefficients, rotation, position, last_rotation: None }
     }
 }
 
@@ -112,6 +114,8 @@ impl Filters {
     /// are near each other is their mean rotation, once it has its length of 1 again.
     fn step_head(&self, state: &mut FiltersState, head: &HeadPose, level: f32, dt_s: f32) -> HeadPose {
         let near = state.last_rotation.map_or(head.rotation_xyzw, |last| nearer(head.rotation_xyzw, last));
+        let [x, y, z, _] = near;
+        let level = level.max(state.head_noise.step(&[x, y, z], dt_s));
         let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
         let rotation = unit(mean, near);
         state.last_rotation = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
@@ -137,36 +141,44 @@ fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
     if length > 0.1 { mean.map(|value| value / length) } else { instead }
 }
 
-/// Standard deviation of the noise at level 1, that of good light, relative to a small change.
-const REFERENCE: f32 = 0.125;
 /// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
 /// more than one that hardly moves.
 const PRODUCTS: [f32; 2] = [-4.0, 0.5];
 const AVERAGE_S: f32 = 1.0;
-/// The least and the greatest level. A higher one takes more of fast expressions in noisy pictures.
-const LEVELS: [f32; 2] = [1.0, 2.0];
 
 /// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant: in a dark picture,
 /// a still face trembles 20 times as much as in good light. The mean product of successive steps of a still face is the
 /// negative variance of the noise. Movement goes on from frame to frame, and its products are positive.
 #[derive(Debug, Clone, PartialEq)]
-struct NoiseLevel {
-    /// From this size on, a change of each coefficient is no longer small in good light.
-    sizes: [f32; COEFFS],
+struct NoiseLevel<const N: usize> {
+    /// From this size on, a change of each value is no longer small in good light.
+    sizes: [f32; N],
+    /// Standard deviation of the noise at level 1, that of good light, relative to a small change.
+    reference: f32,
+    /// The greatest level. A higher one takes more of fast movements in noisy pictures.
+    highest: f32,
     /// Mean product of successive steps, relative to the square of a small change.
     product: f32,
-    last: Option<([f32; COEFFS], Option<[f32; COEFFS]>)>,
+    last: Option<([f32; N], Option<[f32; N]>)>,
 }
 
-impl Default for NoiseLevel {
-    fn default() -> Self {
-        Self { sizes: BLENDSHAPES.map(|name| Group::of(name).noise_size()), product: 0.0, last: None }
+impl NoiseLevel<COEFFS> {
+    fn of_coefficients() -> Self {
+        let sizes = BLENDSHAPES.map(|name| Group::of(name).noise_size());
+        Self { sizes, reference: 0.125, highest: 2.0, product: 0.0, last: None }
     }
 }
 
-impl NoiseLevel {
+impl NoiseLevel<3> {
+    /// The noise of the head's rotation. In the dark it grows more than that of the coefficients.
+    fn of_head() -> Self {
+        Self { sizes: [SMALL_TURN; 3], reference: 0.2, highest: 6.0, product: 0.0, last: None }
+    }
+}
+
+impl<const N: usize> NoiseLevel<N> {
     /// Takes a frame that was captured `dt_s` seconds after the last one, and returns the level.
-    fn step(&mut self, values: &[f32; COEFFS], dt_s: f32) -> f32 {
+    fn step(&mut self, values: &[f32; N], dt_s: f32) -> f32 {
         let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
         let steps = last.map(|(last, before)| {
             let steps = difference(*values, last);
@@ -176,11 +188,10 @@ impl NoiseLevel {
             steps
         });
         self.last = Some((*values, steps));
-        let [lowest, highest] = LEVELS;
-        ((-self.product).max(0.0).sqrt() / REFERENCE).clamp(lowest, highest)
+        ((-self.product).max(0.0).sqrt() / self.reference).clamp(1.0, self.highest)
     }
 
-    fn mean_product(&self, steps: &[f32; COEFFS], before: &[f32; COEFFS]) -> Option<f32> {
+    fn mean_product(&self, steps: &[f32; N], before: &[f32; N]) -> Option<f32> {
         let [least, greatest] = PRODUCTS;
         let (mut sum, mut count) = (0.0_f32, 0.0_f32);
         for ((step, before), size) in steps.iter().zip(before).zip(&self.sizes) {
@@ -209,7 +220,7 @@ mod tests {
     /// `moving` coefficients also swing widely.
     fn level(deviation: f32, moving: usize) -> f32 {
         let mut random = fastrand::Rng::with_seed(2);
-        let mut level = NoiseLevel::default();
+        let mut level = NoiseLevel::of_coefficients();
         let mut frame = |number: u16| {
             let mut values = [0.5; COEFFS];
             for (index, (value, size)) in values.iter_mut().zip(level.sizes).enumerate() {
@@ -228,7 +239,7 @@ mod tests {
         assert!([0, 30, COEFFS].iter().all(|moving| (level(0.01, *moving) - 1.0).abs() < 0.01));
         assert!((level(0.44, 0) - 2.0).abs() < 0.01, "{}", level(0.44, 0));
         assert!((1.4..1.8).contains(&level(0.2, 0)), "{}", level(0.2, 0));
-        let mut level = NoiseLevel::default();
+        let mut level = NoiseLevel::of_coefficients();
         for value in [0.1, f32::NAN, 0.3, 0.1] {
             assert!((1.0..=2.0).contains(&level.step(&[value; COEFFS], FRAME_S)), "{value}");
         }
@@ -255,6 +266,19 @@ mod tests {
                 assert!((turned - 150.0).abs() < 0.1 && past.rotation_xyzw[3] >= 0.0, "{kind:?}: {turned}");
             }
         }
+    }
+
+    #[test]
+    fn a_still_head_in_the_dark_trembles_less_than_a_third_as_much_and_a_fast_turn_passes_within_a_frame() {
+        let mut random = fastrand::Rng::with_seed(5);
+        // The sum of 12 has a deviation of 1, here 2 degrees.
+        let mut noise_deg = || 2.0 * (0..12).map(|_| random.f32() - 0.5).sum::<f32>();
+        let tilts: Vec<f32> = (0..150).map(|frame| noise_deg() + if frame < 120 { 0.0 } else { 30.0 }).collect();
+        let out = run(FilterKind::GatedAverage, tilts.iter().copied().map(tilted));
+        let sent: Vec<f32> = out.iter().map(|pose| pose.yaw_pitch_roll_deg()[2]).collect();
+        let deviation = |angles: &[f32]| square(core::array::from_fn::<_, 60, _>(|at| angles[at + 60])).sqrt();
+        assert!(deviation(&sent) < 0.3 * deviation(&tilts), "{} {}", deviation(&sent), deviation(&tilts));
+        assert!((sent[120] - tilts[120]).abs() < 3.0, "{} {}", sent[120], tilts[120]);
     }
 
     #[test]

@@ -54,6 +54,8 @@ fn every_command_names_all_faults_of_the_settings_before_it_tries_anything_else(
 
 #[test]
 fn check_says_of_every_part_that_it_works() {
+    let absent = "[camera]\ndevice = \"/nowhere\"\n";
+    assert_eq!(with_settings(&["check", "--settings-only"], absent).succeeded().out, "settings  ok\n");
     // The printed defaults load back.
     let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
     let demo = defaults.replacen("# device = \"auto\"", "device = \"demo\"", 1);

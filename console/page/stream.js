@@ -6,9 +6,9 @@
 export function connect(on, mustStay) {
   let source;
   const open = () => {
-    source = new EventSource("events");
+    source = new EventSource("api/1/events");
     source.addEventListener("hello", (event) => on.hello(JSON.parse(event.data)));
-    source.addEventListener("message", (event) => on.snapshot(JSON.parse(event.data)));
+    source.addEventListener("face", (event) => on.snapshot(JSON.parse(event.data)));
     source.addEventListener("error", () => {
       on.lost();
       // The browser tries again by itself, but not after a refusal.
@@ -34,7 +34,7 @@ export function connect(on, mustStay) {
 
 // Asks why the stream is refused, which an EventSource does not tell. Nothing if it is not refused any more.
 async function refusal() {
-  const answer = await fetch("events").catch(() => undefined);
+  const answer = await fetch("api/1/events").catch(() => undefined);
   if (answer && !answer.ok) return (await answer.text()).trim();
   await answer?.body?.cancel();
 }

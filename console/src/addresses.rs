@@ -4,8 +4,6 @@ use std::net::{IpAddr, SocketAddr};
 
 use nix::{ifaddrs::getifaddrs, net::if_::InterfaceFlags};
 
-use crate::web::Token;
-
 /// The most addresses that are shown.
 const MOST: usize = 4;
 
@@ -35,8 +33,8 @@ fn is_reachable(address: &IpAddr) -> bool {
     }
 }
 
-/// Returns the addresses of the page: all of this machine's if it is served at all of them.
-pub fn urls(address: SocketAddr, token: Option<&Token>) -> Vec<String> {
+/// Returns the addresses of the page, which end with this path: all of this machine's if it is served at all of them.
+pub fn urls(address: SocketAddr, path: &str) -> Vec<String> {
     let mut hosts = if address.ip().is_unspecified() { of_this_machine() } else { vec![address.ip()] };
     if address.is_ipv4() {
         hosts.retain(IpAddr::is_ipv4);
@@ -44,6 +42,5 @@ pub fn urls(address: SocketAddr, token: Option<&Token>) -> Vec<String> {
     if hosts.is_empty() {
         hosts.push(IpAddr::from([127, 0, 0, 1]));
     }
-    let path = token.map_or_else(String::new, |token| format!("{token}/"));
     hosts.into_iter().map(|host| format!("http://{}/{path}", SocketAddr::new(host, address.port()))).collect()
 }

@@ -1,22 +1,35 @@
-//! `facewire-console`: shows the packets of facewire live in a browser.
+//! `facewire-console`: shows the packets of facewire live in a browser, and operates a service.
 //!
-//! Role: a receiver with a page. A thread of its own receives packets by UDP or from a serial port ([`source`]) and
-//! keeps the newest in a [`Snapshot`]; the main thread serves the page, and sends each open page the newest snapshot
-//! ([`web`]).
-//! Contract: it only listens. Whatever arrives on the port or from a browser, memory and the number of connections stay
-//! bounded, and a browser that reads slowly misses snapshots and delays nobody.
-//! Limits: one source at a time. What a page records stays in the browser.
+//! Role: a page for two uses. With `--config` it is the console of the service on this machine ([`console`]), with which it
+//! speaks by the control socket alone ([`control`]), and whose settings file it edits ([`settings`]). Otherwise a thread
+//! receives packets by UDP or from a serial port ([`source`]) and keeps the newest in a [`Snapshot`]. The main thread
+//! serves the page ([`web`]) and the interface that it uses ([`api`]).
+//! Contract: whatever arrives on the port or from a browser, memory and the number of connections stay bounded, and a
+//! browser that reads slowly misses snapshots and delays nobody. Who may change what, [`access`] decides.
 
+mod access;
 mod addresses;
+mod api;
 mod args;
+mod console;
+mod control;
+mod files;
 mod hint;
+mod picture;
+mod program;
+mod recordings;
+mod report;
+mod servos;
+mod settings;
 mod snapshot;
 mod source;
+mod status;
 mod web;
 
 use std::{
     io::{self, IsTerminal as _, Write as _},
     net::SocketAddr,
+    path::Path,
     process::ExitCode,
     sync::Arc,
 };
@@ -30,9 +43,10 @@ use tokio::{
 
 use self::{
     args::Args,
+    console::Console,
     hint::Hint,
     snapshot::Snapshot,
-    source::Source,
+    source::{PacketCounter, Source},
     web::{Site, Token},
 };
 
@@ -54,6 +68,9 @@ enum Failure {
     /// The system has no random numbers, or refuses a thread or a signal.
     #[error("the system refuses {what} ({error}); try again when it has resources to spare")]
     System { what: &'static str, error: io::Error },
+    /// The folder of the state cannot be made, or holds what this program has not written.
+    #[error("cannot use the folder of passwords and recordings ({error}); give --state another folder")]
+    State { error: io::Error },
     /// Standard output cannot be written to.
     #[error("cannot write the output ({0}); check where it goes")]
     Output(io::Error),
@@ -85,17 +102,38 @@ fn run(args: &Args) -> Result<(), Failure> {
     runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
         let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
-        let source = Source::open(args)?;
-        let hint = Hint::of(&source);
+        let source = if args.config.is_none() { Some(Source::open(args)?) } else { None };
         let listener = web::listen(args.listen)?;
         let address = listener.local_addr().map_err(|error| Failure::Serve { address: args.listen, error })?;
         let token = if address.ip().is_loopback() { None } else { Some(Token::random().map_err(refused("a token"))?) };
-        announce(address, token.as_ref(), &hint)?;
         let (publish, snapshots) = watch::channel(Snapshot::default());
-        source.start(publish).map_err(refused("a thread"))?;
-        let site = Arc::new(Site::new(token, &hint, snapshots));
+        let site = match (source, &args.config) {
+            (Some(source), _) => {
+                let hint = Hint::of(&source);
+                let urls =
+                    addresses::urls(address, &token.as_ref().map_or_else(String::new, |token| format!("{token}/")));
+                announce(&urls, token.is_some(), &format!("Waiting for packets at {}. Ctrl-C ends.", hint.place))?;
+                source.start(publish).map_err(refused("a thread"))?;
+                Site::of_packets(token, &hint, snapshots)
+            }
+            (None, config) => {
+                let config = config.as_deref().unwrap_or(Path::new(""));
+                let token = token.map_or_else(Token::random, Ok).map_err(refused("a token"))?;
+                // The log of a unit is read by others than the owner of the terminal.
+                let is_terminal = io::stdout().is_terminal() && !address.ip().is_loopback();
+                let path = if is_terminal { format!("#token={token}") } else { String::new() };
+                let console = Console::new(args, config, token).map_err(|error| Failure::State { error })?;
+                let urls = addresses::urls(address, &path);
+                announce(&urls, is_terminal, &format!("Operating the service of {}. Ctrl-C ends.", config.display()))?;
+                let console = Arc::new(console);
+                let (status, face) = (Arc::clone(&console), Arc::clone(&console));
+                tokio::spawn(async move { status.watch_status().await });
+                tokio::spawn(async move { face.watch_face(PacketCounter::new(publish)).await });
+                Site::of_service(console, snapshots)
+            }
+        };
         select! {
-            () = web::serve(listener, site) => {}
+            () = web::serve(listener, Arc::new(site)) => {}
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
         }
@@ -103,15 +141,14 @@ fn run(args: &Args) -> Result<(), Failure> {
     })
 }
 
-/// Prints the addresses to open, and where packets are expected.
-fn announce(address: SocketAddr, token: Option<&Token>, hint: &Hint) -> Result<(), Failure> {
-    let urls = addresses::urls(address, token);
+/// Prints the addresses to open, and what the program does.
+fn announce(urls: &[String], is_for_phones: bool, what: &str) -> Result<(), Failure> {
     let mut lines = Vec::new();
-    if let (Some(url), true) = (urls.first(), token.is_some() && io::stdout().is_terminal()) {
+    if let (Some(url), true) = (urls.first(), is_for_phones && io::stdout().is_terminal()) {
         lines.push(qr_code(url));
     }
     lines.extend(urls.iter().map(|url| format!("Open {url} in a browser.")));
-    lines.push(format!("Waiting for packets at {}. Ctrl-C ends.", hint.place));
+    lines.push(what.to_owned());
     let text = lines.join("\n") + "\n";
     match io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),

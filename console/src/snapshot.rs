@@ -12,6 +12,8 @@ pub enum Sender {
     Udp(std::net::SocketAddr),
     /// The other end of the serial line.
     Line,
+    /// The service on this machine, by its control socket.
+    Service,
 }
 
 pub type Tally = facewire_packet::Tally<Sender>;
@@ -125,6 +127,7 @@ fn name(sender: Sender) -> String {
     match sender {
         Sender::Udp(address) => std::net::SocketAddr::new(address.ip().to_canonical(), address.port()).to_string(),
         Sender::Line => "the serial line".to_owned(),
+        Sender::Service => "the service".to_owned(),
     }
 }
 

@@ -51,7 +51,7 @@ impl Source {
 
     /// Starts to read.
     pub fn start(self, publish: watch::Sender<Snapshot>) -> io::Result<()> {
-        let counter = PacketCounter { tally: Tally::default(), publish };
+        let counter = PacketCounter::new(publish);
         thread::Builder::new().name("source".to_owned()).spawn(|| match self {
             Self::Udp { socket, .. } => udp::read(&socket, counter),
             Self::Serial { device, baud } => serial::read(&device, baud, counter),
@@ -62,14 +62,18 @@ impl Source {
 
 /// Counts what arrives and publishes it.
 #[derive(Debug)]
-struct PacketCounter {
+pub struct PacketCounter {
     tally: Tally,
     publish: watch::Sender<Snapshot>,
 }
 
 impl PacketCounter {
+    pub fn new(publish: watch::Sender<Snapshot>) -> Self {
+        Self { tally: Tally::default(), publish }
+    }
+
     /// Takes a packet, or what was wrong with it.
-    fn take(&mut self, received: Result<Packet, DecodeError>, from: Sender) {
+    pub fn take(&mut self, received: Result<Packet, DecodeError>, from: Sender) {
         let now = Instant::now();
         match received {
             Ok(packet) => self.tally.count(&packet, from, now),
@@ -79,7 +83,7 @@ impl PacketCounter {
     }
 
     /// Publishes why nothing can arrive, or that the trouble is over.
-    fn tell(&self, trouble: Option<&str>) {
+    pub fn tell(&self, trouble: Option<&str>) {
         let now = Instant::now();
         self.publish.send_replace(Snapshot::of(&self.tally, now).with_trouble(trouble));
     }

@@ -8,11 +8,18 @@ mod guard;
 mod page;
 mod token;
 
-use std::{convert::Infallible, io, net::SocketAddr, sync::Arc, time::Duration};
+use std::{
+    borrow::Cow,
+    convert::Infallible,
+    fmt, io,
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+    time::Duration,
+};
 
 use http_body_util::{BodyExt as _, Full, combinators::BoxBody};
 use hyper::{
-    Request, Response, StatusCode,
+    Method, Request, Response, StatusCode,
     body::{Bytes, Incoming},
     header::{self, HeaderValue},
     server::conn::http1,
@@ -28,7 +35,7 @@ use tokio::{
 
 pub use self::token::Token;
 use self::{events::Events, guard::Guard};
-use crate::{Failure, hint::Hint, snapshot::Snapshot};
+use crate::{Failure, access::Role, api, console::Console, hint::Hint, snapshot::Snapshot};
 
 /// A page takes one connection for its stream, and a few while it loads.
 const MOST_CONNECTIONS: usize = 64;
@@ -46,23 +53,34 @@ const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-type Body = BoxBody<Bytes, Infallible>;
+pub type Body = BoxBody<Bytes, Infallible>;
 
 /// All that is served.
 #[derive(Debug)]
 pub struct Site {
     guard: Guard,
     events: Events,
+    console: Option<Arc<Console>>,
 }
 
 impl Site {
-    /// Makes the site. A page on another machine needs a token.
-    pub fn new(token: Option<Token>, hint: &Hint, snapshots: watch::Receiver<Snapshot>) -> Self {
-        Self { guard: Guard::new(token), events: Events::new(hint, snapshots, MOST_STREAMS) }
+    /// Makes the site of packets that come to this program. A page on another machine needs a token.
+    pub fn of_packets(token: Option<Token>, hint: &Hint, snapshots: watch::Receiver<Snapshot>) -> Self {
+        Self {
+            guard: Guard::new(token, false),
+            events: Events::new(Some(hint), snapshots, MOST_STREAMS),
+            console: None,
+        }
     }
 
-    fn respond(&self, request: &Request<Incoming>) -> Response<Body> {
-        let mut response = self.answer(request).unwrap_or_else(Refusal::into_response);
+    /// Makes the site of a service.
+    pub fn of_service(console: Arc<Console>, snapshots: watch::Receiver<Snapshot>) -> Self {
+        let events = Events::new(None, snapshots, MOST_STREAMS);
+        Self { guard: Guard::new(None, true), events, console: Some(console) }
+    }
+
+    async fn respond(&self, request: Request<Incoming>, client: IpAddr) -> Response<Body> {
+        let mut response = self.answer(request, client).await.unwrap_or_else(Refusal::into_response);
         let headers = response.headers_mut();
         for (name, value) in [
             (header::CONTENT_SECURITY_POLICY, POLICY),
@@ -77,18 +95,27 @@ impl Site {
         response
     }
 
-    fn answer(&self, request: &Request<Incoming>) -> Result<Response<Body>, Refusal> {
-        let path = self.guard.check(request)?;
-        if path == "events" {
-            return self.events.open();
+    async fn answer(&self, request: Request<Incoming>, client: IpAddr) -> Result<Response<Body>, Refusal> {
+        let path = self.guard.check(&request)?.to_owned();
+        if let Some(path) = path.strip_prefix("api/1/") {
+            let console = self.console.as_ref();
+            let caller = console.map(|console| console.access.caller(request.headers(), client));
+            if path == "events" && request.method() == Method::GET {
+                caller.as_ref().map_or(Ok(()), |caller| caller.must(Role::Look))?;
+                return self.events.open(console.zip(caller));
+            }
+            return api::answer(console, caller, path, request).await;
         }
-        let part = page::part(path).ok_or(Refusal::NOT_FOUND)?;
-        Ok(response(StatusCode::OK, part.kind, part.bytes))
+        if request.method() == Method::POST {
+            return Err(Refusal::NOT_FOUND);
+        }
+        let part = page::part(&path).ok_or(Refusal::NOT_FOUND)?;
+        Ok(response(StatusCode::OK, part.kind, Bytes::from_static(part.bytes)))
     }
 }
 
-fn response(status: StatusCode, kind: &'static str, bytes: &'static [u8]) -> Response<Body> {
-    let mut response = Response::new(Full::new(Bytes::from_static(bytes)).boxed());
+pub fn response(status: StatusCode, kind: &'static str, bytes: Bytes) -> Response<Body> {
+    let mut response = Response::new(Full::new(bytes).boxed());
     *response.status_mut() = status;
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
     response
@@ -96,13 +123,35 @@ fn response(status: StatusCode, kind: &'static str, bytes: &'static [u8]) -> Res
 
 /// Why a request gets nothing, with a sentence for the person at the browser.
 #[derive(Debug, PartialEq, Eq)]
-struct Refusal(StatusCode, &'static str);
+pub struct Refusal(StatusCode, Cow<'static, str>);
 
 impl Refusal {
-    const NOT_FOUND: Self = Self(StatusCode::NOT_FOUND, "There is nothing at this address. Open / instead.\n");
+    pub const NOT_FOUND: Self =
+        Self(StatusCode::NOT_FOUND, Cow::Borrowed("There is nothing at this address. Open / instead.\n"));
+
+    pub const fn fixed(status: StatusCode, sentence: &'static str) -> Self {
+        Self(status, Cow::Borrowed(sentence))
+    }
+
+    pub fn new(status: StatusCode, sentence: String) -> Self {
+        Self(status, Cow::Owned(sentence))
+    }
+
+    /// A failure of this program or of its machine.
+    pub fn failed(error: &impl fmt::Display) -> Self {
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, format!("It failed: {error}.\n"))
+    }
+
+    pub fn sentence(&self) -> &str {
+        self.1.trim()
+    }
 
     fn into_response(self) -> Response<Body> {
-        response(self.0, "text/plain; charset=utf-8", self.1.as_bytes())
+        let bytes = match self.1 {
+            Cow::Borrowed(sentence) => Bytes::from_static(sentence.as_bytes()),
+            Cow::Owned(sentence) => sentence.into(),
+        };
+        response(self.0, "text/plain; charset=utf-8", bytes)
     }
 }
 
@@ -123,7 +172,7 @@ pub fn listen(address: SocketAddr) -> Result<TcpListener, Failure> {
 pub async fn serve(listener: TcpListener, site: Arc<Site>) {
     let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, client)) = listener.accept().await else {
             sleep(REFUSED_PAUSE).await;
             continue;
         };
@@ -131,7 +180,7 @@ pub async fn serve(listener: TcpListener, site: Arc<Site>) {
         if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
             let site = Arc::clone(&site);
             tokio::spawn(async move {
-                attend(stream, &site, PATIENCE).await;
+                attend(stream, client.ip(), &site, PATIENCE).await;
                 drop(place);
             });
         }
@@ -139,12 +188,12 @@ pub async fn serve(listener: TcpListener, site: Arc<Site>) {
 }
 
 /// Serves one connection until either side closes it.
-async fn attend(stream: TcpStream, site: &Site, patience: Duration) {
+async fn attend(stream: TcpStream, client: IpAddr, site: &Site, patience: Duration) {
     // A client that stops reading keeps its connection for this long. These options have an effect on speed and
     // patience alone, so that their failure does no harm.
     let _ = SockRef::from(&stream).set_tcp_user_timeout(Some(patience));
     let _ = stream.set_nodelay(true);
-    let service = service_fn(|request| async move { Ok::<_, Infallible>(site.respond(&request)) });
+    let service = service_fn(|request| async move { Ok::<_, Infallible>(site.respond(request, client).await) });
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(BUFFER_BYTES);
     // Ends with an error if the client goes away, which is no fault.
@@ -168,11 +217,12 @@ mod tests {
             client.set_recv_buffer_size(4096).unwrap();
             client.connect(&listener.local_addr().unwrap().into()).unwrap();
             client.write_all(bytes).unwrap();
-            let (stream, _) = listener.accept().await.unwrap();
+            let (stream, address) = listener.accept().await.unwrap();
             let hint = Hint { place: String::new(), links: Vec::new() };
-            let site = Site::new(None, &hint, watch::channel(Snapshot::default()).1);
+            let site = Site::of_packets(None, &hint, watch::channel(Snapshot::default()).1);
             let patience = Duration::from_millis(200);
-            let ended = tokio::time::timeout(Duration::from_mins(1), attend(stream, &site, patience)).await;
+            let ended =
+                tokio::time::timeout(Duration::from_mins(1), attend(stream, address.ip(), &site, patience)).await;
             assert!(ended.is_ok(), "the connection goes on");
             drop(client);
         });

@@ -185,7 +185,7 @@ fn pause_freezes_the_picture_and_keys_work() {
     browser.wait_until("document.getElementById('state').textContent === 'paused'");
     sending.show(packet(&[("jawOpen", 0.9)]));
     // The stream goes on: two events later, the new pose would have been shown.
-    browser.value("new Promise((done) => { const s = new EventSource('events'); let n = 0; s.onmessage = (e) => { if (JSON.parse(e.data).packet.coefficients[17] > 0.8 && (n += 1) > 5) { s.close(); done(1); } }; })");
+    browser.value("new Promise((done) => { const s = new EventSource('api/1/events'); let n = 0; s.addEventListener('face', (e) => { if (JSON.parse(e.data).packet.coefficients[17] > 0.8 && (n += 1) > 5) { s.close(); done(1); } }); })");
     browser.wait_for_picture();
     assert_eq!(browser.value("document.querySelector('[data-name=jawOpen] b').textContent"), "0.30");
     browser.value("document.getElementById('pause').click()");

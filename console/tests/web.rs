@@ -54,9 +54,9 @@ fn other_hosts_and_other_pages_get_nothing() {
     let rebound = viewer.get("/", "Host: evil.example:5252\r\n");
     assert!(rebound.starts_with("HTTP/1.1 421") && rebound.contains("Open the address that"), "{rebound}");
     let host = viewer.host();
-    let foreign = viewer.get("/events", &format!("Host: {host}\r\nOrigin: http://evil.example\r\n"));
+    let foreign = viewer.get("/api/1/events", &format!("Host: {host}\r\nOrigin: http://evil.example\r\n"));
     assert!(foreign.starts_with("HTTP/1.1 403"), "{foreign}");
-    let hidden = viewer.get("/events", &format!("Host: {host}\r\nSec-Fetch-Site: cross-site\r\n"));
+    let hidden = viewer.get("/api/1/events", &format!("Host: {host}\r\nSec-Fetch-Site: cross-site\r\n"));
     assert!(hidden.starts_with("HTTP/1.1 403"), "{hidden}");
 }
 
@@ -70,7 +70,7 @@ fn a_page_for_other_machines_needs_the_token_that_was_printed() {
     assert_eq!(viewer.events().status(), "HTTP/1.1 200 OK\r\n");
     let other = Viewer::with(&["--listen", "0.0.0.0:0", "--udp", "127.0.0.1:0"]).path("");
     assert_ne!(token, other);
-    for path in ["/", "/events", "/app.js", &other, &format!("{other}events"), &token[..20]] {
+    for path in ["/", "/api/1/events", "/app.js", &other, &format!("{other}api/1/events"), &token[..20]] {
         let answer = viewer.get(path, &format!("Host: {}\r\n", viewer.host()));
         assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("lacks the token"), "{path}: {answer}");
     }
@@ -126,7 +126,7 @@ fn a_browser_that_never_reads_delays_nobody_and_takes_no_memory() {
     let stuck: Vec<_> = (0..8)
         .map(|_| {
             let mut stream = viewer.connect();
-            write!(stream, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host()).unwrap();
+            write!(stream, "GET /api/1/events HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host()).unwrap();
             stream
         })
         .collect();
@@ -181,7 +181,7 @@ fn many_clients_are_refused_politely_and_served_again_later() {
     for events in &mut open {
         assert_eq!(events.status(), "HTTP/1.1 200 OK\r\n");
     }
-    let refused = viewer.part("events");
+    let refused = viewer.part("api/1/events");
     assert!(refused.starts_with("HTTP/1.1 503") && refused.contains("Close one of them"), "{refused}");
     // Connections beyond the limit are closed at once, and those that are open go on.
     let mut idle: Vec<_> = (0..100).map(|_| viewer.connect()).collect();

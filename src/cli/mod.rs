@@ -70,7 +70,13 @@ enum Command {
     Calibrate(calibrate::CalibrateArgs),
     /// Validate the settings, then try camera, networks, model and links.
     #[command(after_help = check::EXAMPLES)]
-    Check(SettingsArgs),
+    Check {
+        #[command(flatten)]
+        settings: SettingsArgs,
+        /// Only validate the settings, and touch no device
+        #[arg(long)]
+        settings_only: bool,
+    },
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]
     Devices,
@@ -140,7 +146,7 @@ impl Command {
                 Ok(())
             }
             Self::Calibrate(args) => calibrate::run(&args),
-            Self::Check(args) => check::run(&args),
+            Self::Check { settings, settings_only } => check::run(&settings, settings_only),
             Self::Devices => devices::run(),
             Self::Defaults { link } => {
                 let link = link.and_then(|kind| config::default_link(&kind));

@@ -1,6 +1,7 @@
-//! The stream of snapshots for an open page, as server-sent events.
+//! The stream of news for an open page, as server-sent events: `hello` once, then `face`, and of a service `status`,
+//! `calibration` and `recording`.
 //!
-//! The stream takes the newest snapshot whenever the client has room for one, so that what a slow client misses is
+//! The stream takes the newest of each kind whenever the client has room for it, so that what a slow client misses is
 //! never kept. Source: <https://html.spec.whatwg.org/multipage/server-sent-events.html>
 
 use std::{
@@ -18,21 +19,27 @@ use hyper::{
     body::Bytes,
     header::{CONTENT_TYPE, HeaderValue},
 };
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::{
+    select,
     sync::{OwnedSemaphorePermit, Semaphore, watch},
     time::{sleep_until, timeout},
 };
 
 use super::{Body, Refusal};
-use crate::{hint::Hint, snapshot::Snapshot};
+use crate::{
+    access::Caller,
+    console::{Console, News},
+    hint::Hint,
+    snapshot::Snapshot,
+};
 
 /// Least time between two snapshots: browsers draw 60 pictures a second.
 const PERIOD: Duration = Duration::from_nanos(16_666_667);
 /// Greatest time between two snapshots, so that a page can tell silence from a lost connection.
 const KEEP_ALIVE: Duration = Duration::from_millis(500);
 
-const FULL: Refusal = Refusal(
+const FULL: Refusal = Refusal::fixed(
     StatusCode::SERVICE_UNAVAILABLE,
     "As many pages as facewire-console serves at a time are open. Close one of them.\n",
 );
@@ -48,7 +55,8 @@ pub struct Events {
 }
 
 impl Events {
-    pub fn new(hint: &Hint, snapshots: watch::Receiver<Snapshot>, most: usize) -> Self {
+    /// Without a hint, the packets are those of a service.
+    pub fn new(hint: Option<&Hint>, snapshots: watch::Receiver<Snapshot>, most: usize) -> Self {
         let hello = json!({
             "names": BLENDSHAPES.as_slice(),
             "silence_ms": SILENCE_MS,
@@ -59,10 +67,11 @@ impl Events {
     }
 
     /// Opens a stream, if there is a place for one more.
-    pub fn open(&self) -> Result<Response<Body>, Refusal> {
+    pub fn open(&self, service: Option<(&Arc<Console>, Caller)>) -> Result<Response<Body>, Refusal> {
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| FULL)?;
         let (sender, body) = Channel::new(1);
-        let stream = Stream { sender, snapshots: self.snapshots.clone(), start: self.start, _place: place };
+        let news = service.map(|(console, caller)| Subscription::new(console, caller));
+        let stream = Stream { sender, snapshots: self.snapshots.clone(), news, start: self.start, _place: place };
         tokio::spawn(stream.run(self.hello.clone()));
         let mut response = Response::new(body.boxed());
         response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
@@ -74,27 +83,91 @@ impl Events {
 struct Stream {
     sender: Sender<Bytes>,
     snapshots: watch::Receiver<Snapshot>,
+    news: Option<Subscription>,
     start: Instant,
     _place: OwnedSemaphorePermit,
 }
 
 impl Stream {
-    /// Sends snapshots until the client goes away.
+    /// Sends news until the client goes away.
     async fn run(mut self, hello: String) {
         let mut event = hello;
         let mut due = tokio::time::Instant::now();
         while self.sender.send_data(event.into()).await.is_ok() {
             sleep_until(due).await;
-            // Either a new snapshot has come, or it is time for the same again.
-            let _ = timeout(KEEP_ALIVE, self.snapshots.changed()).await;
-            event = self.newest();
+            // Either something new has come, or it is time for the same snapshot again.
+            let is_quiet = timeout(KEEP_ALIVE, self.changed()).await.is_err();
+            event = self.newest(is_quiet);
             // A period is counted from the time at which the last snapshot was due, so that late wake-ups do not add up.
             due = (due + PERIOD).max(tokio::time::Instant::now());
         }
     }
 
-    fn newest(&mut self) -> String {
-        let json = self.snapshots.borrow_and_update().to_json(self.start, Instant::now());
-        format!("data: {json}\n\n")
+    /// Waits for something new, and leaves it marked as new.
+    async fn changed(&mut self) {
+        let Some(Subscription { news: [(_, status), (_, calibration), (_, recording)], .. }) = &mut self.news else {
+            let _ = self.snapshots.changed().await;
+            return self.snapshots.mark_changed();
+        };
+        select! {
+            _ = self.snapshots.changed() => self.snapshots.mark_changed(),
+            _ = status.changed() => status.mark_changed(),
+            _ = calibration.changed() => calibration.mark_changed(),
+            _ = recording.changed() => recording.mark_changed(),
+        }
+    }
+
+    /// Returns the events of what is new.
+    fn newest(&mut self, is_quiet: bool) -> String {
+        let mut events = String::new();
+        if is_quiet || self.snapshots.has_changed().unwrap_or(true) {
+            let json = self.snapshots.borrow_and_update().to_json(self.start, Instant::now());
+            events = format!("event: face\ndata: {json}\n\n");
+        }
+        for event in self.news.iter_mut().flat_map(Subscription::events) {
+            events += &event;
+        }
+        events
+    }
+}
+
+/// What a page is told of a service. The service is asked for it while a page is open.
+struct Subscription {
+    console: Arc<Console>,
+    caller: Caller,
+    news: [(&'static str, watch::Receiver<Value>); 3],
+}
+
+impl Subscription {
+    fn new(console: &Arc<Console>, caller: Caller) -> Self {
+        let News { status, calibration, recording } = &console.news;
+        let mut news = [
+            ("status", status.subscribe()),
+            ("calibration", calibration.subscribe()),
+            ("recording", recording.subscribe()),
+        ];
+        // The last status is told at once. Of calibrations only what comes from now on.
+        news[0].1.mark_changed();
+        console.pages.send_modify(|pages| *pages += 1);
+        Self { console: Arc::clone(console), caller, news }
+    }
+
+    fn events(&mut self) -> Vec<String> {
+        let Self { console, caller, news } = self;
+        let changed = news.iter_mut().filter(|(_, value)| value.has_changed().unwrap_or(false));
+        let events = changed.filter_map(|(name, value)| {
+            let mut value = value.borrow_and_update().clone();
+            if *name == "status" {
+                *value.get_mut("operator")? = console.servos.operator(&caller.identity);
+            }
+            Some(format!("event: {name}\ndata: {value}\n\n"))
+        });
+        events.collect()
+    }
+}
+
+impl Drop for Subscription {
+    fn drop(&mut self) {
+        self.console.pages.send_modify(|pages| *pages -= 1);
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A page of somebody else in the same browser must not read this one. It could try with requests to the loopback
 //! address, which `Origin` and `Sec-Fetch-Site` betray, or by DNS rebinding: its own name then has the address of this
-//! machine, which `Host` betrays. An address in place of a name cannot be rebound.
+//! machine, which `Host` betrays. An address in place of a name cannot be rebound. A change needs POST with JSON, which
+//! a page of somebody else cannot send without being asked first.
 
 use std::net::{Ipv4Addr, Ipv6Addr};
 
@@ -14,13 +15,14 @@ use hyper::{
 
 use super::{Refusal, token::Token};
 
-const METHOD: Refusal = Refusal(StatusCode::METHOD_NOT_ALLOWED, "This program only serves pages: use GET.\n");
-const OTHER_HOST: Refusal = Refusal(
+const METHOD: Refusal = Refusal::fixed(StatusCode::METHOD_NOT_ALLOWED, "Nothing here is changed this way: use GET.\n");
+const OTHER_HOST: Refusal = Refusal::fixed(
     StatusCode::MISDIRECTED_REQUEST,
     "This machine has another name. Open the address that facewire-console printed.\n",
 );
-const OTHER_PAGE: Refusal = Refusal(StatusCode::FORBIDDEN, "Only the page of facewire-console itself may read this.\n");
-const NO_TOKEN: Refusal = Refusal(
+const OTHER_PAGE: Refusal =
+    Refusal::fixed(StatusCode::FORBIDDEN, "Only the page of facewire-console itself may read this.\n");
+const NO_TOKEN: Refusal = Refusal::fixed(
     StatusCode::FORBIDDEN,
     "The address lacks the token. Open the whole address that facewire-console printed when it started.\n",
 );
@@ -28,24 +30,27 @@ const NO_TOKEN: Refusal = Refusal(
 /// The rules for requests.
 #[derive(Debug)]
 pub struct Guard {
+    /// Whether requests may change something.
+    takes_changes: bool,
     token: Option<Token>,
     /// The names under which this machine may be addressed, in lower case.
     names: Vec<String>,
 }
 
 impl Guard {
-    pub fn new(token: Option<Token>) -> Self {
+    pub fn new(token: Option<Token>, takes_changes: bool) -> Self {
         let mut names = vec!["localhost".to_owned()];
         if let Some(name) = nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok()) {
             let name = name.to_lowercase();
             names.extend([format!("{name}.local"), name]);
         }
-        Self { token, names }
+        Self { takes_changes, token, names }
     }
 
     /// Returns the path of the part that is asked for, without the token.
     pub fn check<'a, B>(&self, request: &'a Request<B>) -> Result<&'a str, Refusal> {
-        if !matches!(*request.method(), Method::GET | Method::HEAD) {
+        let is_change = *request.method() == Method::POST && self.takes_changes;
+        if !is_change && !matches!(*request.method(), Method::GET | Method::HEAD) {
             return Err(METHOD);
         }
         let host = text(request.headers(), HOST.as_str()).unwrap_or_default();
@@ -60,7 +65,11 @@ impl Guard {
         let is_linked = |site: &str| matches!(site, "same-origin" | "none");
         let site = text(request.headers(), "sec-fetch-site");
         // Other pages may link to the page itself.
-        if !path.is_empty() && site.is_some_and(|site| !is_linked(site)) { Err(OTHER_PAGE) } else { Ok(path) }
+        if (is_change || !path.is_empty()) && site.is_some_and(|site| !is_linked(site)) {
+            Err(OTHER_PAGE)
+        } else {
+            Ok(path)
+        }
     }
 
     /// Whether the header `Host` names this machine. Any port is accepted, because it may be forwarded.
@@ -104,7 +113,11 @@ mod tests {
 
     #[test]
     fn addresses_and_names_of_this_machine_are_answered_and_others_are_not() {
-        let guard = Guard { token: None, names: vec!["localhost".into(), "desk".into(), "desk.local".into()] };
+        let guard = Guard {
+            takes_changes: false,
+            token: None,
+            names: vec!["localhost".into(), "desk".into(), "desk.local".into()],
+        };
         for host in ["127.0.0.1:5252", "localhost:9", "LocalHost", "[::1]:5252", "192.168.1.5", "desk", "desk.local:80"]
         {
             assert_eq!(check(&guard, "/app.js", &[("host", host)]), Ok("app.js".into()), "{host}");
@@ -120,7 +133,7 @@ mod tests {
 
     #[test]
     fn other_pages_may_link_here_and_nothing_else() {
-        let (guard, host) = (Guard::new(None), ("host", "127.0.0.1:5252"));
+        let (guard, host) = (Guard::new(None, false), ("host", "127.0.0.1:5252"));
         for origin in ["http://evil.example", "http://127.0.0.1:80", "https://127.0.0.1:5252", "null", ""] {
             assert_eq!(check(&guard, "/events", &[host, ("origin", origin)]), Err(OTHER_PAGE), "{origin}");
         }
@@ -135,7 +148,7 @@ mod tests {
     #[test]
     fn with_a_token_nothing_is_answered_without_it() {
         let token = Token::random().unwrap();
-        let (guard, host) = (Guard::new(Some(token.clone())), ("host", "192.168.1.5:8080"));
+        let (guard, host) = (Guard::new(Some(token.clone()), false), ("host", "192.168.1.5:8080"));
         assert_eq!(check(&guard, &format!("/{token}/"), &[host]), Ok(String::new()));
         assert_eq!(check(&guard, &format!("/{token}/events"), &[host]), Ok("events".into()));
         for path in ["/", "/events", "//events", "/0/", &format!("/{token}"), &format!("/{token}0/")] {

@@ -1,11 +1,12 @@
-//! The token in the address of a page that other machines can reach.
+//! Random tokens: in the address of a page that other machines can reach, and of sessions.
 
 use std::{fmt, io};
 
+use serde::{Deserialize, Serialize};
 use subtle::ConstantTimeEq as _;
 
 /// 128 random bits.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Token(String);
 
 impl Token {

@@ -108,7 +108,7 @@ impl Viewer {
     /// Opens a stream of events.
     pub fn events(&self) -> EventLines {
         let mut stream = self.connect();
-        let _ = write!(stream, "GET {} HTTP/1.1\r\nHost: {}\r\n\r\n", self.path("events"), self.host());
+        let _ = write!(stream, "GET {} HTTP/1.1\r\nHost: {}\r\n\r\n", self.path("api/1/events"), self.host());
         EventLines(BufReader::new(stream))
     }
 }

@@ -24,7 +24,7 @@ grep 'link opened' $work/log
 
 # The live view, without any settings, shows what the service sends to this machine.
 view=http://127.0.0.1:5252
-shown() { busybox timeout 5 busybox wget -qO- $view/events | grep -q '"reason":"no face"'; }
+shown() { busybox timeout 5 busybox wget -qO- $view/api/1/events | grep -q '"reason":"no face"'; }
 facewire-console >$work/view 2>&1 &
 await shown
 busybox wget -qO- $view/ | grep -q '<canvas' || fail "no page: $(cat $work/view)"

@@ -1,0 +1,503 @@
+//! The interface below `api/1/`: JSON in both directions. README.md describes it.
+
+use std::{
+    sync::{Arc, PoisonError},
+    time::Duration,
+};
+
+use http_body_util::{BodyExt as _, Full, Limited, channel::Channel};
+use hyper::{
+    HeaderMap, Method, Request, Response, StatusCode,
+    body::{Bytes, Incoming},
+    header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue, SET_COOKIE},
+};
+use serde::{Deserialize, de::DeserializeOwned};
+use serde_json::{Map, Value, json};
+use tokio::{io::AsyncReadExt as _, select, sync::Notify, time::timeout};
+
+use crate::{
+    access::{Caller, Role, Secret},
+    console::{Console, sentence},
+    control::ControlError,
+    report,
+    servos::Movement,
+    settings::{self, Fault},
+    web::{Body, Refusal},
+};
+
+/// Time in which a client must send the body of a request.
+const BODY_PATIENCE: Duration = Duration::from_secs(10);
+const MOST_BODY_BYTES: usize = 8 * 1024;
+/// Texts of settings come in JSON, in which a line break has two bytes.
+const MOST_SETTINGS_BODY_BYTES: usize = 2 * settings::MOST_BYTES;
+const DOWNLOAD_BYTES: usize = 16 * 1024;
+
+const NO_SERVICE: Refusal = Refusal::fixed(
+    StatusCode::NOT_FOUND,
+    "This program shows packets and operates no service. Start it with --config to operate one.\n",
+);
+const NOT_JSON: Refusal =
+    Refusal::fixed(StatusCode::UNSUPPORTED_MEDIA_TYPE, "Send JSON, with Content-Type: application/json.\n");
+const TOO_LONG: Refusal =
+    Refusal::fixed(StatusCode::PAYLOAD_TOO_LARGE, "The request is too long, or comes too slowly.\n");
+const CHANGED: Refusal = Refusal::fixed(
+    StatusCode::CONFLICT,
+    "Somebody else has changed the settings meanwhile. Load them again and repeat your changes.\n",
+);
+const NO_HELPER: Refusal = Refusal::fixed(
+    StatusCode::CONFLICT,
+    "This program may not start services here: run sudo systemctl enable --now facewire in a terminal.\n",
+);
+const CALIBRATING: Refusal =
+    Refusal::fixed(StatusCode::CONFLICT, "A calibration is in progress. Wait until it ends, or cancel it.\n");
+
+type Answer = Result<Response<Body>, Refusal>;
+
+/// A body that must be an empty object.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Nothing {}
+
+/// Declares the bodies of requests.
+macro_rules! bodies {
+    ($($name:ident { $($field:ident: $kind:ty),* })*) => {
+        $(#[derive(Deserialize)] #[serde(deny_unknown_fields)] struct $name { $($field: $kind),* })*
+    };
+}
+
+bodies! {
+    Password { new: String }
+    Text { text: String }
+    Edit { text: String, changes: Map<String, Value> }
+    Keep { text: String, base: String }
+    Version { id: String }
+    Wearer { wearer: Option<String> }
+    Name { name: Option<String> }
+    File { name: String }
+    Release { on: bool }
+    Disarm { drive: String }
+    Service { r#do: String }
+}
+
+/// Answers a request of somebody who may send it. `path` is the part below `api/1/`.
+pub async fn answer(
+    console: Option<&Arc<Console>>,
+    caller: Option<Caller>,
+    path: &str,
+    request: Request<Incoming>,
+) -> Answer {
+    let (Some(console), Some(caller)) = (console, caller) else {
+        let session = json!({"role": Role::Look, "needs_password": false, "secure": false});
+        return if path == "session" { Ok(ok(&session)) } else { Err(NO_SERVICE) };
+    };
+    let (parts, body) = request.into_parts();
+    let call = Call { console, caller: &caller, headers: &parts.headers };
+    if parts.method == Method::POST {
+        let is_open = matches!(path, "login" | "logout" | "password");
+        if !is_open {
+            caller.must(Role::Operate)?;
+        }
+        call.post(path, body).await
+    } else {
+        if path != "session" {
+            caller.must(Role::Look)?;
+        }
+        call.get(path, parts.uri.query()).await
+    }
+}
+
+struct Call<'a> {
+    console: &'a Arc<Console>,
+    caller: &'a Caller,
+    headers: &'a HeaderMap,
+}
+
+impl Call<'_> {
+    async fn get(&self, path: &str, query: Option<&str>) -> Answer {
+        let console = self.console;
+        Ok(ok(&match path {
+            "session" => json!({
+                "role": self.caller.role,
+                "needs_password": console.access.needs_password(),
+                "secure": self.caller.address.is_loopback(),
+            }),
+            "status" => self.status().await,
+            "settings" => match query.and_then(|query| query.strip_prefix("version=")) {
+                Some(id) => json!({"text": console.settings.old_text(id)?.ok_or(Refusal::NOT_FOUND)?}),
+                None => self.settings().await?,
+            },
+            "wearers" => {
+                let mut reply = console.control.ask(&json!({"do": "list"})).await?;
+                reply.get_mut("wearers").map(Value::take).unwrap_or_default()
+            }
+            "recordings" => {
+                let list = console.recordings.list()?;
+                json!({"list": list, "free_bytes": console.recordings.free_bytes()})
+            }
+            "history" => console.history.lock().unwrap_or_else(PoisonError::into_inner).to_json(),
+            "devices" => {
+                let text = match console.program.ask_helper("devices").await {
+                    Some(text) => text?,
+                    None => console.program.run(&["devices", "--json"], "").await?.out,
+                };
+                serde_json::from_str(&text).map_err(|_| {
+                    Refusal::fixed(StatusCode::BAD_GATEWAY, "facewire devices lists nothing: update both programs.\n")
+                })?
+            }
+            "picture" => return self.picture().await,
+            "report" => {
+                let text = report::write(console).await;
+                return Ok(response("text/plain; charset=utf-8", text.into()));
+            }
+            _ => {
+                let name = path.strip_prefix("recordings/").ok_or(Refusal::NOT_FOUND)?;
+                return self.download(name).await;
+            }
+        }))
+    }
+
+    async fn post(&self, path: &str, body: Incoming) -> Answer {
+        let Self { console, caller, headers } = *self;
+        let (control, recordings) = (&console.control, &console.recordings);
+        let most_bytes = if path.starts_with("settings/") { MOST_SETTINGS_BODY_BYTES } else { MOST_BODY_BYTES };
+        let body = Json { headers, body, most_bytes };
+        let done = match path {
+            "login" => {
+                let secret = body.read::<Secret>().await?;
+                return with_cookie(&console.access.log_in(caller, &secret).await?);
+            }
+            "logout" => {
+                body.read::<Nothing>().await?;
+                return with_cookie(&console.access.log_out(headers));
+            }
+            "password" => {
+                let new = body.read::<Password>().await?.new;
+                return with_cookie(&console.access.set_password(caller, new).await?);
+            }
+            "tokens/look" => {
+                body.read::<Nothing>().await?;
+                return Ok(ok(&json!({"token": console.access.make_look_token()?})));
+            }
+            "settings/check" => {
+                let Text { text } = body.read().await?;
+                let changed = settings::changed(&console.settings.text()?, &text);
+                let faults = console.faults(&text).await?;
+                return Ok(ok(&json!({"faults": faults, "changed": changed, "values": settings::values(&text)})));
+            }
+            "settings/edit" => {
+                let Edit { text, changes } = body.read().await?;
+                let text = settings::edit(&text, &changes)
+                    .map_err(|sentence| Refusal::new(StatusCode::BAD_REQUEST, sentence + ".\n"))?;
+                return Ok(ok(&json!({"text": text, "values": settings::values(&text)})));
+            }
+            "settings/keep" => {
+                let Keep { text, base } = body.read().await?;
+                return self.keep(&text, Some(&base)).await;
+            }
+            "settings/restore" => {
+                let Version { id } = body.read().await?;
+                let text = console.settings.old_text(&id)?.ok_or(Refusal::NOT_FOUND)?;
+                return self.keep(&text, None).await;
+            }
+            "wearers/use" => control.tell(&json!({"do": "use", "wearer": body.read::<Name>().await?.name})).await?,
+            "wearers/delete" => {
+                control.tell(&json!({"do": "delete", "wearer": body.read::<File>().await?.name})).await?
+            }
+            "calibration/begin" => self.calibrate(body.read::<Wearer>().await?.wearer).await?,
+            "calibration/cancel" => {
+                body.read::<Nothing>().await?;
+                console
+                    .calibrating
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .iter()
+                    .for_each(|end| end.notify_one());
+                "the calibration is cancelled".to_owned()
+            }
+            "servos/release" => control.tell(&json!({"do": "release", "on": body.read::<Release>().await?.on})).await?,
+            "servos/arm" => {
+                body.read::<Nothing>().await?;
+                let drive = console.servos.arm(control, caller).await?;
+                console.changed.notify_one();
+                return Ok(ok(&json!({"drive": drive})));
+            }
+            "servos/drive" => {
+                let mut line = body.read::<Map<String, Value>>().await?;
+                let drive = line.remove("drive").unwrap_or_default();
+                let movement = Movement::deserialize(Value::Object(line)).map_err(|error| bad(&error))?;
+                console.servos.movement(drive.as_str().unwrap_or_default(), &movement)?;
+                String::new()
+            }
+            "servos/disarm" => {
+                console.servos.disarm(&body.read::<Disarm>().await?.drive);
+                "the servos follow the face again".to_owned()
+            }
+            "recordings/begin" => {
+                body.read::<Nothing>().await?;
+                return Ok(ok(&json!({"name": recordings.begin(&console.program)?})));
+            }
+            "recordings/end" => {
+                body.read::<Nothing>().await?;
+                recordings.end();
+                "the recording ends".to_owned()
+            }
+            "recordings/delete" => {
+                recordings.delete(&body.read::<File>().await?.name)?;
+                "the recording is deleted".to_owned()
+            }
+            "recordings/play" => {
+                let File { name } = body.read().await?;
+                recordings.path(&name)?;
+                let drive = console.servos.arm(control, caller).await?;
+                let played = recordings.play(
+                    &console.program,
+                    &console.settings.path,
+                    &name,
+                    console.servos.clone(),
+                    drive.clone(),
+                );
+                played.inspect_err(|_| console.servos.disarm(&drive.to_string()))?;
+                format!("{name} is played")
+            }
+            "check" => {
+                body.read::<Nothing>().await?;
+                return Ok(ok(&json!({"lines": self.check().await?})));
+            }
+            "service" => self.service(&body.read::<Service>().await?.r#do).await?,
+            _ => return Err(Refusal::NOT_FOUND),
+        };
+        if path != "servos/drive" {
+            console.changed.notify_one();
+        }
+        Ok(ok(&json!({"done": done})))
+    }
+
+    async fn status(&self) -> Value {
+        let mut status = self.console.look().await.0;
+        if let Some(operator) = status.get_mut("operator") {
+            *operator = self.console.servos.operator(&self.caller.identity);
+        }
+        status
+    }
+
+    async fn settings(&self) -> Result<Value, Refusal> {
+        let console = self.console;
+        let text = console.settings.text()?;
+        let schema = console.program.run(&["defaults", "--schema"], "").await?;
+        let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
+        Ok(json!({
+            "path": console.settings.path,
+            "text": text,
+            "hash": settings::hash(&text),
+            "values": settings::values(&text),
+            "schema": schema,
+            "faults": console.faults(&text).await?,
+            "versions": console.settings.old_versions()?,
+        }))
+    }
+
+    /// Keeps settings without a fault, and has the service read them. `base` is the hash of the text that they change.
+    async fn keep(&self, text: &str, base: Option<&str>) -> Answer {
+        let console = self.console;
+        if text.len() > settings::MOST_BYTES {
+            return Err(TOO_LONG);
+        }
+        let faults = console.faults(text).await?;
+        if let Some(first) = faults.first() {
+            return Ok(refused(first, &faults));
+        }
+        {
+            let _turn = console.keeping.lock().await;
+            if base.is_some_and(|base| base != settings::hash(&console.settings.text().unwrap_or_default())) {
+                return Err(CHANGED);
+            }
+            console.settings.keep(text)?;
+        }
+        let done = match console.control.tell(&json!({"do": "reload"})).await {
+            Ok(done) => done,
+            Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
+            Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
+        };
+        console.changed.notify_one();
+        Ok(ok(&json!({"done": done, "text": text, "hash": settings::hash(text), "values": settings::values(text)})))
+    }
+
+    /// Begins a calibration, whose progress the open pages are told of.
+    async fn calibrate(&self, wearer: Option<String>) -> Result<String, Refusal> {
+        let console = Arc::clone(self.console);
+        let end = Arc::<Notify>::default();
+        {
+            let mut calibrating = console.calibrating.lock().unwrap_or_else(PoisonError::into_inner);
+            if calibrating.is_some() {
+                return Err(CALIBRATING);
+            }
+            *calibrating = Some(Arc::clone(&end));
+        }
+        let opened = console.control.open(&json!({"do": "calibrate", "wearer": wearer})).await;
+        let free = |console: &Console| *console.calibrating.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        let mut connection = opened.inspect_err(|_| free(&console))?;
+        tokio::spawn(async move {
+            let publish = &console.news.calibration;
+            loop {
+                let line = select! {
+                    line = connection.next() => line,
+                    () = end.notified() => Err(ControlError::Refused("the calibration was cancelled".to_owned())),
+                };
+                match line {
+                    Ok(Some(line)) => drop(publish.send_replace(line)),
+                    // The last line says how the calibration has ended.
+                    Ok(None) => break,
+                    Err(error) => {
+                        publish.send_replace(json!({"refused": error.to_string()}));
+                        break;
+                    }
+                }
+            }
+            free(&console);
+            console.changed.notify_one();
+        });
+        Ok("the calibration begins".to_owned())
+    }
+
+    async fn picture(&self) -> Answer {
+        let _turn = self.console.picturing.acquire().await;
+        let picture = crate::picture::newest(&self.console.control).await?;
+        Ok(response("application/octet-stream", picture.into()))
+    }
+
+    async fn download(&self, name: &str) -> Answer {
+        let path = self.console.recordings.path(name)?;
+        let file = std::fs::File::open(path)?;
+        let (mut sender, body) = Channel::new(1);
+        tokio::spawn(async move {
+            let mut reader = tokio::fs::File::from_std(file);
+            let mut bytes = vec![0; DOWNLOAD_BYTES];
+            while let Ok(count @ 1..) = reader.read(&mut bytes).await {
+                let part = bytes.get(..count).unwrap_or_default();
+                if sender.send_data(Bytes::copy_from_slice(part)).await.is_err() {
+                    return;
+                }
+            }
+        });
+        let mut response = Response::new(body.boxed());
+        let headers = response.headers_mut();
+        headers.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+        let disposition = HeaderValue::try_from(format!("attachment; filename=\"{name}\""));
+        headers.insert(CONTENT_DISPOSITION, disposition.map_err(|error| Refusal::failed(&error))?);
+        Ok(response)
+    }
+
+    async fn check(&self) -> Result<Vec<Value>, Refusal> {
+        let console = self.console;
+        let text = match console.program.ask_helper("check").await {
+            Some(text) => text?,
+            None => {
+                let output =
+                    console.program.run(&["check", "--config", &console.settings.path.to_string_lossy()], "").await?;
+                output.out + &output.err
+            }
+        };
+        Ok(text.lines().map(|line| json!({"level": level(line), "text": line})).collect())
+    }
+
+    async fn service(&self, what: &str) -> Result<String, Refusal> {
+        if !matches!(what, "start" | "stop") {
+            return Err(Refusal::fixed(StatusCode::BAD_REQUEST, "Give start or stop.\n"));
+        }
+        let text = self.console.program.ask_helper(what).await.ok_or(NO_HELPER)??;
+        let text = text.trim();
+        text.strip_prefix("done: ").map(str::to_owned).ok_or_else(|| Refusal::failed(&text))
+    }
+}
+
+/// The level of a line of `facewire check`.
+fn level(line: &str) -> &'static str {
+    match line.split_once(' ').map_or("", |(_, rest)| rest.trim_start()) {
+        rest if rest.starts_with("ok") => "ok",
+        rest if rest.starts_with("POOR:") || rest.starts_with("NOTE:") => "warning",
+        _ => "failure",
+    }
+}
+
+/// The body of a request that has not been read yet.
+struct Json<'a> {
+    headers: &'a HeaderMap,
+    body: Incoming,
+    most_bytes: usize,
+}
+
+impl Json<'_> {
+    async fn read<T: DeserializeOwned + Sized>(self) -> Result<T, Refusal> {
+        // A page of somebody else cannot send this type without being asked first whether it may.
+        let kind = self.headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+        if kind.split(';').next().map(str::trim) != Some("application/json") {
+            return Err(NOT_JSON);
+        }
+        let body = Limited::new(self.body, self.most_bytes).collect();
+        let body = timeout(BODY_PATIENCE, body).await.map_err(|_| TOO_LONG)?.map_err(|_| TOO_LONG)?;
+        serde_json::from_slice(&body.to_bytes()).map_err(|error| bad(&error))
+    }
+}
+
+fn bad(error: &serde_json::Error) -> Refusal {
+    Refusal::new(StatusCode::BAD_REQUEST, format!("The request is not understood: {error}.\n"))
+}
+
+fn response(kind: &'static str, bytes: Bytes) -> Response<Body> {
+    let mut response = Response::new(Full::new(bytes).boxed());
+    response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static(kind));
+    response
+}
+
+fn ok(value: &Value) -> Response<Body> {
+    response("application/json", value.to_string().into())
+}
+
+fn refused(first: &Fault, faults: &[Fault]) -> Response<Body> {
+    let mut response = ok(&json!({"error": sentence(first), "faults": faults}));
+    *response.status_mut() = StatusCode::UNPROCESSABLE_ENTITY;
+    response
+}
+
+fn with_cookie(cookie: &str) -> Answer {
+    let mut response = ok(&json!({"done": "the session is changed"}));
+    let cookie = HeaderValue::try_from(cookie).map_err(|error| Refusal::failed(&error))?;
+    response.headers_mut().insert(SET_COOKIE, cookie);
+    Ok(response)
+}
+
+impl From<ControlError> for Refusal {
+    fn from(error: ControlError) -> Self {
+        let status = match error {
+            ControlError::Refused(_) => StatusCode::CONFLICT,
+            ControlError::Away | ControlError::Forbidden => StatusCode::SERVICE_UNAVAILABLE,
+            ControlError::Silent(_) => StatusCode::GATEWAY_TIMEOUT,
+        };
+        Self::new(status, format!("{error}\n"))
+    }
+}
+
+impl From<std::io::Error> for Refusal {
+    fn from(error: std::io::Error) -> Self {
+        Self::failed(&error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lines_of_check_have_levels() {
+        for (line, want) in [
+            ("settings  ok", "ok"),
+            ("camera    ok: demo", "ok"),
+            ("camera    POOR: too dark", "warning"),
+            ("settings  NOTE: channel 3 can leave its range", "warning"),
+            ("link      FAILED: no port", "failure"),
+            ("facewire: settings are bad", "failure"),
+        ] {
+            assert_eq!(level(line), want, "{line}");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! The console of a service: everything below `api/1/` but the stream of events.
+
+use std::{
+    env, io,
+    os::unix::fs::DirBuilderExt as _,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+};
+
+use base64::{Engine as _, prelude::BASE64_STANDARD};
+use facewire_packet::Packet;
+use serde_json::{Value, json};
+use tokio::{
+    select,
+    sync::{Mutex as AsyncMutex, Notify, Semaphore, watch},
+    time::sleep,
+};
+
+use crate::{
+    access::Access,
+    args::Args,
+    control::{Control, ControlError},
+    program::Program,
+    recordings::Recordings,
+    servos::Servos,
+    settings::{self, Fault, SettingsFile},
+    snapshot::Sender,
+    source::PacketCounter,
+    status::{self, History, ROW_PERIOD_S},
+    web::Token,
+};
+
+/// Time between two looks at the service while a page is open. Without one the history decides.
+const LOOK_PERIOD: Duration = Duration::from_secs(1);
+/// Time between two attempts to reach a service that is away.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Values that the open pages are told of.
+#[derive(Debug, Clone)]
+pub struct News {
+    pub status: watch::Sender<Value>,
+    pub calibration: watch::Sender<Value>,
+    pub recording: watch::Sender<Value>,
+}
+
+impl Default for News {
+    fn default() -> Self {
+        let [status, calibration, recording] = [(); 3].map(|()| watch::Sender::new(Value::Null));
+        Self { status, calibration, recording }
+    }
+}
+
+/// What a console works with.
+#[derive(Debug)]
+pub struct Console {
+    pub access: Access,
+    pub control: Control,
+    pub program: Program,
+    pub settings: SettingsFile,
+    /// Held while settings are compared and kept.
+    pub keeping: AsyncMutex<()>,
+    pub servos: Servos,
+    pub recordings: Recordings,
+    pub news: News,
+    pub history: Mutex<History>,
+    /// One picture at a time is made smaller, which bounds memory and load.
+    pub picturing: Semaphore,
+    /// Tells the calibration that goes on to end.
+    pub calibrating: Mutex<Option<Arc<Notify>>>,
+    /// The text of the settings that was judged last, and its faults.
+    judged: AsyncMutex<Option<(String, Vec<Fault>)>>,
+    /// The number of open pages.
+    pub pages: watch::Sender<usize>,
+    /// Something has changed that the status shows.
+    pub changed: Notify,
+}
+
+impl Console {
+    pub fn new(args: &Args, config: &Path, operate_token: Token) -> io::Result<Self> {
+        let state = args.state.clone().unwrap_or_else(state_folder);
+        std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&state)?;
+        let news = News::default();
+        Ok(Self {
+            access: Access::load(&state, operate_token)?,
+            control: Control::new(args.control.as_deref()),
+            program: Program::new(args.helper.clone()),
+            settings: SettingsFile::new(std::path::absolute(config)?, &state),
+            keeping: AsyncMutex::default(),
+            servos: Servos::default(),
+            recordings: Recordings::new(&state, news.recording.clone()),
+            news,
+            history: Mutex::default(),
+            picturing: Semaphore::new(1),
+            calibrating: Mutex::default(),
+            judged: AsyncMutex::default(),
+            pages: watch::Sender::new(0),
+            changed: Notify::new(),
+        })
+    }
+
+    /// Asks for the state of the service as long as the program runs, and publishes it.
+    pub async fn watch_status(&self) {
+        let period = Duration::from_secs(ROW_PERIOD_S);
+        let mut row_due = Instant::now();
+        let mut pages = self.pages.subscribe();
+        loop {
+            let (status, metrics) = self.look().await;
+            if Instant::now() >= row_due {
+                row_due = (row_due + period).max(Instant::now() + period / 2);
+                let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+                let mut history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
+                history.add(metrics.as_deref(), now.as_secs_f64(), status.get("board").unwrap_or(&Value::Null));
+            }
+            self.news.status.send_replace(status);
+            let until_row = row_due.saturating_duration_since(Instant::now());
+            let is_watched = *pages.borrow_and_update() > 0;
+            select! {
+                () = sleep(if is_watched { LOOK_PERIOD.min(until_row) } else { until_row }) => {}
+                _ = pages.changed(), if !is_watched => {}
+                () = self.changed.notified() => {}
+            }
+        }
+    }
+
+    /// Returns the status for the pages, and the metrics of the service if it runs.
+    pub async fn look(&self) -> (Value, Option<String>) {
+        let text = self.settings.text();
+        let refused = match &text {
+            Ok(text) => {
+                self.faults(text).await.map(|faults| faults.iter().map(sentence).collect::<Vec<_>>().join("\n"))
+            }
+            Err(error) => Err(io::Error::other(error.to_string())),
+        };
+        let picture = text.is_ok_and(|text| settings::values(&text).pointer("/console/picture") == Some(&true.into()));
+        let (service, away) = match self.control.status().await {
+            Ok(service) => (service, None),
+            Err(error) => (Value::Null, Some(error.to_string())),
+        };
+        let trouble = away.or_else(|| refused.as_ref().err().map(ToString::to_string));
+        let mut status = json!({
+            "running": service.is_object(),
+            "trouble": trouble,
+            "refused": refused.ok().filter(|faults| !faults.is_empty()),
+            "picture": picture,
+            "operator": null,
+            "service": service,
+            "board": status::board(),
+            "free_bytes": self.recordings.free_bytes(),
+            "recording": self.recordings.state(),
+        });
+        let mut metrics = None;
+        if let Some(service) = status.get_mut("service").and_then(Value::as_object_mut) {
+            let text = service.get("metrics").and_then(Value::as_str).unwrap_or_default().to_owned();
+            service.insert("metrics".to_owned(), status::samples(&text).into());
+            metrics = Some(text);
+        }
+        (status, metrics)
+    }
+
+    /// Returns the faults of settings, which are judged once.
+    pub async fn faults(&self, text: &str) -> io::Result<Vec<Fault>> {
+        let mut judged = self.judged.lock().await;
+        if let Some((known, faults)) = &*judged
+            && known == text
+        {
+            return Ok(faults.clone());
+        }
+        let faults = settings::faults(&self.program, text).await?;
+        *judged = Some((text.to_owned(), faults.clone()));
+        Ok(faults)
+    }
+
+    /// Passes the packets of the service on while a page is open.
+    pub async fn watch_face(&self, mut counter: PacketCounter) {
+        let mut pages = self.pages.subscribe();
+        loop {
+            // The sender lives as long as this.
+            let _ = pages.wait_for(|pages| *pages > 0).await;
+            let trouble = select! {
+                error = self.follow(&mut counter) => Some(error.to_string()),
+                _ = pages.wait_for(|pages| *pages == 0) => None,
+            };
+            if let Some(trouble) = trouble {
+                counter.tell(Some(&trouble));
+                sleep(RETRY).await;
+            }
+        }
+    }
+
+    async fn follow(&self, counter: &mut PacketCounter) -> ControlError {
+        let mut connection = match self.control.open(&json!({"do": "watch"})).await {
+            Ok(connection) => connection,
+            Err(error) => return error,
+        };
+        counter.tell(None);
+        loop {
+            let line = match connection.next().await {
+                Ok(Some(line)) => line,
+                Ok(None) => return ControlError::Away,
+                Err(error) => return error,
+            };
+            let bytes = line.get("packet").and_then(Value::as_str).and_then(|text| BASE64_STANDARD.decode(text).ok());
+            counter.take(Packet::decode(&bytes.unwrap_or_default()), Sender::Service);
+        }
+    }
+}
+
+/// Says what is wrong and where.
+pub fn sentence(fault: &Fault) -> String {
+    fault.line.map_or_else(|| fault.text.clone(), |line| format!("line {line}: {}", fault.text))
+}
+
+fn state_folder() -> PathBuf {
+    let of_unit = env::var_os("STATE_DIRECTORY").map(PathBuf::from);
+    let of_user = || env::var_os("XDG_STATE_HOME").map(|folder| Path::new(&folder).join("facewire-console"));
+    let of_home = || env::var_os("HOME").map(|folder| Path::new(&folder).join(".local/state/facewire-console"));
+    of_unit.or_else(of_user).or_else(of_home).unwrap_or_else(|| PathBuf::from("facewire-console"))
+}

@@ -1,0 +1,143 @@
+//! The client of the service's control socket: one JSON value a line in both directions, and one request for each
+//! connection.
+//!
+//! Nothing here trusts the service to answer in time or briefly: a connection, a request and a plain answer have
+//! [`PATIENCE`] each, and a line has at most [`MOST_LINE_BYTES`].
+
+use std::{
+    env, io,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use serde_json::{Value, json};
+use tokio::{
+    io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader},
+    net::{
+        UnixStream,
+        unix::{OwnedReadHalf, OwnedWriteHalf},
+    },
+    time::timeout,
+};
+
+/// Time in which the service must take a request, and answer it.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// A status with the metrics of all stages has some 40 kB.
+const MOST_LINE_BYTES: u64 = 512 * 1024;
+
+/// Why a request to the service came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlError {
+    /// Nobody listens at the socket.
+    #[error("the service does not run: start it on the page Start, or with systemctl start facewire")]
+    Away,
+    /// The socket exists, and this user may not use it.
+    #[error("this program may not speak with the service: run it as the unit facewire-console does, or as root")]
+    Forbidden,
+    #[error("the service does not answer ({0}); look at its log, and restart it")]
+    Silent(io::Error),
+    /// The service's own sentence.
+    #[error("{0}")]
+    Refused(String),
+}
+
+impl From<io::Error> for ControlError {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => Self::Away,
+            io::ErrorKind::PermissionDenied => Self::Forbidden,
+            _ => Self::Silent(error),
+        }
+    }
+}
+
+/// Where the service listens.
+#[derive(Debug, Clone)]
+pub struct Control {
+    paths: Vec<PathBuf>,
+}
+
+impl Control {
+    /// Without a path, looks where the service of this user listens, and then where the system's does.
+    pub fn new(path: Option<&Path>) -> Self {
+        let of_user = || env::var_os("XDG_RUNTIME_DIR").map(|folder| Path::new(&folder).join("facewire/control"));
+        let known = || of_user().into_iter().chain([PathBuf::from("/run/facewire/control")]).collect();
+        Self { paths: path.map_or_else(known, |path| vec![path.to_owned()]) }
+    }
+
+    /// Connects and sends a request. The connection stays open for the answer.
+    pub async fn open(&self, request: &Value) -> Result<Connection, ControlError> {
+        let mut last = ControlError::Away;
+        for path in &self.paths {
+            match within(UnixStream::connect(path)).await {
+                Ok(stream) => {
+                    let (read, write) = stream.into_split();
+                    let mut connection = Connection { read: BufReader::new(read), write };
+                    connection.send(request).await?;
+                    return Ok(connection);
+                }
+                Err(error) => last = error.into(),
+            }
+        }
+        Err(last)
+    }
+
+    /// Sends a request and returns the only line of its answer.
+    pub async fn ask(&self, request: &Value) -> Result<Value, ControlError> {
+        self.open(request).await?.reply().await
+    }
+
+    /// Sends a request that something be done, and returns the service's sentence about it.
+    pub async fn tell(&self, request: &Value) -> Result<String, ControlError> {
+        let reply = self.ask(request).await?;
+        Ok(reply.get("done").and_then(Value::as_str).unwrap_or_default().to_owned())
+    }
+
+    pub async fn status(&self) -> Result<Value, ControlError> {
+        let mut reply = self.ask(&json!({"do": "status"})).await?;
+        Ok(reply.get_mut("status").map(Value::take).unwrap_or_default())
+    }
+}
+
+/// An open connection.
+#[derive(Debug)]
+pub struct Connection {
+    read: BufReader<OwnedReadHalf>,
+    write: OwnedWriteHalf,
+}
+
+impl Connection {
+    pub async fn send(&mut self, line: &Value) -> io::Result<()> {
+        within(self.write.write_all(format!("{line}\n").as_bytes())).await
+    }
+
+    /// Waits for the next line for as long as it takes. `None` if the service has closed the connection.
+    pub async fn next(&mut self) -> Result<Option<Value>, ControlError> {
+        let mut line = Vec::new();
+        (&mut self.read).take(MOST_LINE_BYTES).read_until(b'\n', &mut line).await?;
+        if line.is_empty() {
+            return Ok(None);
+        }
+        let mut value: Value = serde_json::from_slice(&line).map_err(io::Error::from)?;
+        match value.get_mut("refused").map(Value::take) {
+            Some(Value::String(sentence)) => Err(ControlError::Refused(sentence)),
+            _ => Ok(Some(value)),
+        }
+    }
+
+    /// Returns the answer to a request that is answered at once.
+    pub async fn reply(&mut self) -> Result<Value, ControlError> {
+        let ended = || ControlError::Silent(io::ErrorKind::UnexpectedEof.into());
+        let next = timeout(PATIENCE, self.next()).await;
+        next.unwrap_or_else(|_| Err(ControlError::Silent(io::ErrorKind::TimedOut.into())))?.ok_or_else(ended)
+    }
+
+    /// Reads bytes that follow a line.
+    pub async fn read_exact(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+        within(self.read.read_exact(bytes)).await.map(drop)
+    }
+}
+
+async fn within<T>(work: impl Future<Output = io::Result<T>>) -> io::Result<T> {
+    timeout(PATIENCE, work).await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
+}

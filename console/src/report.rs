@@ -1,0 +1,122 @@
+//! The report that an owner can send in: what runs where, in which state, without names, addresses and pictures.
+
+use std::{fs, net::IpAddr, net::SocketAddr, process::Stdio};
+
+use serde_json::Value;
+use tokio::process::Command;
+
+use crate::{
+    console::{Console, sentence},
+    program,
+};
+
+/// Settings whose value tells who or where somebody is.
+const PRIVATE_KEYS: [&str; 6] = ["address", "name", "host", "listen", "folder", "model"];
+const LOG_LINES: &str = "200";
+
+pub async fn write(console: &Console) -> String {
+    let (mut status, _) = console.look().await;
+    let text = console.settings.text().unwrap_or_default();
+    let faults = console.faults(&text).await.unwrap_or_default();
+    let faults: Vec<String> = faults.iter().map(sentence).collect();
+    let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim_matches(['\0', '\n']).to_owned();
+    let system = read("/etc/os-release")
+        .lines()
+        .find_map(|line| line.strip_prefix("PRETTY_NAME="))
+        .unwrap_or_default()
+        .to_owned();
+    let mut names: Vec<String> =
+        nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok()).into_iter().collect();
+    names.extend(status.pointer("/service/wearer").and_then(Value::as_str).map(str::to_owned));
+    if let Ok(reply) = console.control.ask(&serde_json::json!({"do": "list"})).await {
+        let wearers = reply.pointer("/wearers/wearers").and_then(Value::as_array).into_iter().flatten();
+        names.extend(wearers.filter_map(|wearer| wearer.get("wearer")?.as_str().map(str::to_owned)));
+    }
+    if let Some(service) = status.get_mut("service").and_then(Value::as_object_mut) {
+        service.remove("wearer");
+    }
+    let parts = [
+        ("versions", format!("facewire-console {}\nfacewire {}", env!("CARGO_PKG_VERSION"), version(console).await)),
+        (
+            "board",
+            format!("{}\n{system}\nLinux {}", read("/proc/device-tree/model"), read("/proc/sys/kernel/osrelease")),
+        ),
+        ("settings", settings(&text)),
+        ("faults", faults.join("\n")),
+        ("status", serde_json::to_string_pretty(&status).unwrap_or_default()),
+        ("log", log().await),
+    ];
+    let parts = parts.map(|(head, text)| format!("== {head}\n{}\n", without_names(text.trim(), &names)));
+    parts.join("\n")
+}
+
+async fn version(console: &Console) -> String {
+    let output = console.program.run(&["--version"], "").await;
+    output.map_or_else(|error| error.to_string(), |output| output.out.trim().trim_start_matches("facewire ").to_owned())
+}
+
+/// Returns the lines of the settings, without comments, which may tell anything.
+fn settings(text: &str) -> String {
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let lines = lines.map(|line| match line.split_once('=') {
+        Some((key, _)) if PRIVATE_KEYS.contains(&key.trim()) => format!("{} = ...", key.trim()),
+        Some((key, value)) => format!("{} = {}", key.trim(), value.split(" #").next().unwrap_or_default().trim()),
+        None => line.to_owned(),
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// The last lines of the log of the service.
+async fn log() -> String {
+    let mut command = Command::new("journalctl");
+    command.args(["--unit", "facewire", "--lines", LOG_LINES, "--output", "short-iso", "--no-hostname", "--no-pager"]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    program::run(&mut command, "")
+        .await
+        .map_or_else(|error| format!("there is no journal: {error}"), |output| output.out)
+}
+
+/// Replaces network addresses and these names.
+fn without_names(text: &str, names: &[String]) -> String {
+    let is_name = |word: &str| names.iter().any(|name| name == word);
+    let is_address = |word: &str| word.parse::<IpAddr>().is_ok() || word.parse::<SocketAddr>().is_ok();
+    let is_part = |c: char| c.is_alphanumeric() || "._-:[]%".contains(c);
+    let mut result = String::new();
+    let mut rest = text;
+    while let Some(start) = rest.find(is_part) {
+        let (before, word) = rest.split_at(start);
+        let (word, after) = word.split_at(word.find(|c| !is_part(c)).unwrap_or(word.len()));
+        let bare = word.trim_end_matches(['.', ':']).trim_matches(['[', ']']);
+        result += before;
+        result += if is_name(bare) {
+            "NAME"
+        } else if is_address(bare) || is_address(word) {
+            "ADDRESS"
+        } else {
+            word
+        };
+        rest = after;
+    }
+    result + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_addresses_are_left_out() {
+        let text =
+            "wearer anna: link to 192.168.1.20:5252 and [2001:db8::1]:80, host desk. fe80::1 at 12:30:05 jawOpen=0.5";
+        let names = ["anna".to_owned(), "desk".to_owned()];
+        let want = "wearer NAME link to ADDRESS and ADDRESS, host NAME ADDRESS at 12:30:05 jawOpen=0.5";
+        assert_eq!(without_names(text, &names), want);
+    }
+
+    #[test]
+    fn settings_keep_their_keys_but_no_addresses_and_comments() {
+        let text =
+            "# For Anna.\n[[link]]\nkind = \"udp\" # to Anna\naddress = \"10.0.0.2:5\"\n[wearer]\nname = \"anna\"\n";
+        assert_eq!(settings(text), "[[link]]\nkind = \"udp\"\naddress = ...\n[wearer]\nname = ...");
+    }
+}

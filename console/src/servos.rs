@@ -1,0 +1,130 @@
+//! Driving servos: one operator at a time holds a connection to the service, which ends when no line comes for
+//! [`WATCHDOG`].
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use hyper::StatusCode;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tokio::{sync::mpsc, time::timeout};
+
+use crate::{
+    access::Caller,
+    control::{Connection, Control},
+    web::{Refusal, Token},
+};
+
+/// The page sends a line every 150 ms.
+const WATCHDOG: Duration = Duration::from_millis(400);
+/// Lines that wait for the service.
+const MOST_LINES: usize = 16;
+
+const NOT_ARMED: Refusal =
+    Refusal::fixed(StatusCode::CONFLICT, "The servos are not armed by this page any more. Arm them again.\n");
+const BEHIND: Refusal =
+    Refusal::fixed(StatusCode::SERVICE_UNAVAILABLE, "The service takes no more movements. Look at its log.\n");
+
+/// A movement, which the service limits.
+#[derive(Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Movement {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coefficients: Option<BTreeMap<String, f32>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub head_deg: Option<[f32; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub link: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position: Option<f32>,
+}
+
+#[derive(Debug)]
+struct Drive {
+    id: Token,
+    operator: Caller,
+    lines: mpsc::Sender<Value>,
+}
+
+/// Who drives, if anybody does.
+#[derive(Debug, Clone, Default)]
+pub struct Servos {
+    drive: Arc<Mutex<Option<Drive>>>,
+}
+
+impl Servos {
+    fn drive(&self) -> MutexGuard<'_, Option<Drive>> {
+        self.drive.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the operator as this caller sees them.
+    pub fn operator(&self, identity: &str) -> Value {
+        self.drive().as_ref().map_or(
+            Value::Null,
+            |Drive { operator, .. }| json!({"name": operator.address.to_string(), "me": operator.identity == identity}),
+        )
+    }
+
+    /// Opens a session with the service, and returns its name. Refused while somebody else has one.
+    pub async fn arm(&self, control: &Control, caller: &Caller) -> Result<Token, Refusal> {
+        let id = Token::random().map_err(|error| Refusal::failed(&error))?;
+        let (lines, waiting) = mpsc::channel(MOST_LINES);
+        match &mut *self.drive() {
+            Some(Drive { operator, .. }) => {
+                let who = operator.address;
+                let sentence = format!("{who} moves the servos. Wait until they are let go, or press STOP.\n");
+                return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+            }
+            // Taken before the service answers, so that two who arm at the same moment do not both ask.
+            empty => *empty = Some(Drive { id: id.clone(), operator: caller.clone(), lines }),
+        }
+        let ended = Ended { servos: self.clone(), id: id.clone() };
+        let mut connection = control.open(&json!({"do": "drive"})).await?;
+        connection.reply().await?;
+        tokio::spawn(async move {
+            drive(connection, waiting).await;
+            drop(ended);
+        });
+        Ok(id)
+    }
+
+    /// Hands a movement over to the service.
+    pub fn movement(&self, id: &str, movement: &Movement) -> Result<(), Refusal> {
+        let line = serde_json::to_value(movement).map_err(|error| Refusal::failed(&error))?;
+        let drive = self.drive();
+        let lines = &drive.as_ref().filter(|drive| drive.id.is(id)).ok_or(NOT_ARMED)?.lines;
+        lines.try_send(line).map_err(|_| BEHIND)
+    }
+
+    /// Ends a session. One that has ended before is no fault.
+    pub fn disarm(&self, id: &str) {
+        self.drive().take_if(|drive| drive.id.is(id));
+    }
+}
+
+/// Makes room for the next operator, however a session ends.
+struct Ended {
+    servos: Servos,
+    id: Token,
+}
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.servos.drive().take_if(|drive| drive.id.is(&self.id.to_string()));
+    }
+}
+
+/// Passes lines on until none comes for too long, the operator disarms, or the service ends.
+async fn drive(mut connection: Connection, mut lines: mpsc::Receiver<Value>) {
+    while let Ok(Some(line)) = timeout(WATCHDOG, lines.recv()).await {
+        let sent = timeout(WATCHDOG, connection.send(&line)).await;
+        if !matches!(sent, Ok(Ok(()))) {
+            return;
+        }
+    }
+}

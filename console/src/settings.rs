@@ -1,0 +1,368 @@
+//! The settings of the service: their file, its former versions, and changes that keep its comments.
+
+use std::{
+    collections::BTreeSet,
+    fs::{self, DirBuilder, Permissions},
+    hash::{DefaultHasher, Hash as _, Hasher as _},
+    io,
+    os::unix::fs::{DirBuilderExt as _, PermissionsExt as _},
+    path::PathBuf,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value as TomlValue};
+
+use crate::{files::write_atomically, program::Program};
+
+/// The former versions that are kept.
+const MOST_VERSIONS: usize = 10;
+/// Settings that are longer are refused. The defaults with all comments have 20 kB.
+pub const MOST_BYTES: usize = 128 * 1024;
+
+/// What is wrong with settings.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Fault {
+    /// Counted from 1. A fault between settings has no line.
+    pub line: Option<u32>,
+    pub key: Option<String>,
+    pub text: String,
+}
+
+/// A former version of the file.
+#[derive(Debug, Serialize)]
+pub struct OldVersion {
+    pub id: String,
+    /// When it was replaced, in seconds since 1970.
+    pub time_s: f64,
+    /// The keys that the next version changed.
+    pub summary: String,
+}
+
+/// The file of the settings, and the folder of its former versions.
+#[derive(Debug)]
+pub struct SettingsFile {
+    pub path: PathBuf,
+    versions: PathBuf,
+}
+
+impl SettingsFile {
+    pub fn new(path: PathBuf, state: &std::path::Path) -> Self {
+        Self { path, versions: state.join("settings") }
+    }
+
+    /// Returns the text. A file that does not exist has none.
+    pub fn text(&self) -> io::Result<String> {
+        match fs::read_to_string(&self.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(String::new()),
+            text => text,
+        }
+    }
+
+    /// Keeps the present version for later, and replaces it by a new one.
+    pub fn keep(&self, text: &str) -> io::Result<()> {
+        // Where the file is a link, its target is replaced.
+        let path = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
+        let former = self.text()?;
+        let mode = fs::metadata(&path).map_or(0o644, |file| Permissions::mode(&file.permissions()) & 0o777);
+        DirBuilder::new().recursive(true).mode(0o700).create(&self.versions)?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let newest = self.versions()?.pop().map_or(0, |(time_us, _)| time_us);
+        let time_us = u64::try_from(now.as_micros()).unwrap_or(u64::MAX).max(newest + 1);
+        write_atomically(&self.versions.join(format!("{time_us}.toml")), former.as_bytes(), 0o600)?;
+        write_atomically(&path, text.as_bytes(), mode)?;
+        let versions = self.versions()?;
+        for (_, path) in versions.iter().take(versions.len().saturating_sub(MOST_VERSIONS)) {
+            fs::remove_file(path)?;
+        }
+        Ok(())
+    }
+
+    /// The times and files of the former versions, the newest last.
+    fn versions(&self) -> io::Result<Vec<(u64, PathBuf)>> {
+        let entries = match fs::read_dir(&self.versions) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries?,
+        };
+        let time_us = |path: &PathBuf| path.file_name()?.to_str()?.strip_suffix(".toml")?.parse().ok();
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let mut versions: Vec<(u64, PathBuf)> = paths.filter_map(|path| Some((time_us(&path)?, path))).collect();
+        versions.sort_unstable();
+        Ok(versions)
+    }
+
+    /// Returns the former versions, the newest first.
+    pub fn old_versions(&self) -> io::Result<Vec<OldVersion>> {
+        let (mut next, mut found) = (self.text()?, Vec::new());
+        for (time_us, path) in self.versions()?.into_iter().rev() {
+            let text = fs::read_to_string(path)?;
+            found.push(OldVersion {
+                id: time_us.to_string(),
+                time_s: Duration::from_micros(time_us).as_secs_f64(),
+                summary: changed(&text, &next).join(", "),
+            });
+            next = text;
+        }
+        Ok(found)
+    }
+
+    /// Returns the text of a former version, if there is one of this name.
+    pub fn old_text(&self, id: &str) -> io::Result<Option<String>> {
+        let versions = self.versions()?;
+        let version = versions.into_iter().find(|(time_us, _)| time_us.to_string() == id);
+        version.map(|(_, path)| fs::read_to_string(path)).transpose()
+    }
+}
+
+/// Tells two texts apart, so that nobody overwrites what somebody else has changed meanwhile.
+pub fn hash(text: &str) -> String {
+    let mut hasher = DefaultHasher::new();
+    text.hash(&mut hasher);
+    format!("{:016x}", hasher.finish())
+}
+
+/// Has facewire judge settings by their text alone. No device is touched.
+pub async fn faults(program: &Program, text: &str) -> io::Result<Vec<Fault>> {
+    let output = program.run(&["check", "--settings-only", "--config", "/dev/stdin"], text).await?;
+    match output.status {
+        Some(0) => Ok(Vec::new()),
+        // Bad settings, as in sysexits.h.
+        Some(78) => Ok(output.err.lines().map(fault).collect()),
+        _ => Err(io::Error::other(format!("facewire check failed: {}", output.err.trim()))),
+    }
+}
+
+/// Reads a line of `facewire check`, such as `facewire: /dev/stdin:2: camera.fps = 1000: give ...`.
+fn fault(line: &str) -> Fault {
+    let text = line.strip_prefix("facewire: ").unwrap_or(line);
+    let placed = text.strip_prefix("/dev/stdin:").and_then(|rest| rest.split_once(": "));
+    let (line, text) = match placed.and_then(|(line, text)| Some((line.parse().ok()?, text))) {
+        Some((line, text)) => (Some(line), text),
+        None => (None, text),
+    };
+    let word = text.split([' ', ':']).next().unwrap_or_default();
+    let is_key = text[word.len()..].starts_with(" = ") || text[word.len()..].starts_with(" is not a ");
+    Fault { line, key: is_key.then(|| word.to_owned()), text: text.to_owned() }
+}
+
+/// Returns what is set, or an empty table if the text is no TOML.
+pub fn values(text: &str) -> Value {
+    toml_edit::de::from_str(text).unwrap_or_else(|_| Value::Object(Map::new()))
+}
+
+/// The keys that differ between two texts.
+pub fn changed(old: &str, new: &str) -> Vec<String> {
+    let mut keys = BTreeSet::new();
+    differences("", &values(old), &values(new), &mut keys);
+    if keys.is_empty() && old != new {
+        keys.insert("comments".to_owned());
+    }
+    keys.into_iter().collect()
+}
+
+fn differences(path: &str, old: &Value, new: &Value, keys: &mut BTreeSet<String>) {
+    let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match (old, new) {
+        (Value::Object(old), Value::Object(new)) => {
+            for key in old.keys().chain(new.keys()) {
+                let of = |values: &Map<String, Value>| values.get(key).cloned().unwrap_or_default();
+                differences(&below(key), &of(old), &of(new), keys);
+            }
+        }
+        (Value::Array(old), Value::Array(new)) if old.iter().chain(new).all(Value::is_object) => {
+            for index in 0..old.len().max(new.len()) {
+                let of = |values: &[Value]| values.get(index).cloned().unwrap_or_default();
+                differences(&below(&index.to_string()), &of(old), &of(new), keys);
+            }
+        }
+        _ if old != new => drop(keys.insert(path.to_owned())),
+        _ => {}
+    }
+}
+
+/// Changes settings in a text and keeps everything else in it. A key is a path such as `link.0.channel.2.neutral`, and
+/// null removes what is there.
+pub fn edit(text: &str, changes: &Map<String, Value>) -> Result<String, String> {
+    let mut document: DocumentMut =
+        text.parse().map_err(|error| format!("the text is not valid TOML: {error}; mend it, or restore a version"))?;
+    for (key, value) in changes {
+        let path: Vec<&str> = key.split('.').collect();
+        let value = match value {
+            Value::Null => None,
+            value => Some(toml(value).ok_or_else(|| format!("{key}: {value} cannot be written as TOML"))?),
+        };
+        set(document.as_item_mut(), &path, value)
+            .ok_or_else(|| format!("{key}: there is no such place; load the page again"))?;
+    }
+    Ok(document.to_string())
+}
+
+fn toml(value: &Value) -> Option<TomlValue> {
+    value.serialize(toml_edit::ser::ValueSerializer::new()).ok()
+}
+
+/// Returns `None` if the path leads nowhere.
+fn set(item: &mut Item, path: &[&str], value: Option<TomlValue>) -> Option<()> {
+    let (first, rest) = path.split_first()?;
+    if let Ok(index) = first.parse::<usize>() {
+        return set_in_list(item, index, rest, value);
+    }
+    let table = item.as_table_like_mut()?;
+    if rest.is_empty() {
+        match (value, table.get_mut(first)) {
+            (None, _) => drop(table.remove(first)),
+            (Some(mut new), Some(Item::Value(old))) => {
+                // The comment behind a value stays.
+                *new.decor_mut() = old.decor().clone();
+                *old = new;
+            }
+            (Some(new), _) => drop(table.insert(first, Item::Value(new))),
+        }
+        return Some(());
+    }
+    if table.get(first).is_none_or(Item::is_none) {
+        if value.is_none() {
+            return Some(());
+        }
+        let is_list = rest.first().is_some_and(|next| next.parse::<usize>().is_ok());
+        let new = if is_list { Item::ArrayOfTables(ArrayOfTables::new()) } else { Item::Table(Table::new()) };
+        table.insert(first, new);
+    }
+    set(table.get_mut(first)?, rest, value)
+}
+
+/// Changes a table of a list. The index after the last one adds a table.
+fn set_in_list(item: &mut Item, index: usize, rest: &[&str], value: Option<TomlValue>) -> Option<()> {
+    match item {
+        Item::ArrayOfTables(tables) => {
+            if rest.is_empty() {
+                (value.is_none() && index < tables.len()).then(|| tables.remove(index))?;
+                return Some(());
+            }
+            if index == tables.len() && value.is_some() {
+                tables.push(Table::new());
+            }
+            // A table is only reached as an item, so that it changes its place for a moment.
+            let table = tables.get_mut(index)?;
+            let mut item = Item::Table(std::mem::take(table));
+            let done = set(&mut item, rest, value);
+            *table = item.into_table().ok()?;
+            done
+        }
+        Item::Value(TomlValue::Array(values)) => {
+            if rest.is_empty() {
+                match value {
+                    Some(value) if index < values.len() => drop(values.replace(index, value)),
+                    Some(value) if index == values.len() => values.push(value),
+                    None if index < values.len() => drop(values.remove(index)),
+                    _ => return None,
+                }
+                return Some(());
+            }
+            if index == values.len() && value.is_some() {
+                values.push(InlineTable::new());
+            }
+            let old = values.get_mut(index)?;
+            let mut item = Item::Value(old.clone());
+            set(&mut item, rest, value)?;
+            *old = item.into_value().ok()?;
+            Some(())
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    const TEXT: &str = "# The head in the hall.\nboard = \"pi4\" # new\n\n[camera]\n# fps = 30\ndevice = 'demo'   # for now\n\n\
+                        # To the head.\n[[link]]\nkind = \"maestro\"\n\n[[link.channel]]\nnumber = 3\n\n[[link.channel]]\nnumber = 4 # jaw\n";
+
+    fn edited(text: &str, changes: Value) -> Result<String, String> {
+        edit(text, changes.as_object().unwrap())
+    }
+
+    #[test]
+    fn a_change_keeps_comments_order_and_everything_else() {
+        let new = edited(
+            TEXT,
+            json!({"camera.device": "/dev/video2", "camera.fps": 60, "link.0.channel.1.neutral": 0.4, "adjust.mirror": true}),
+        );
+        let new = new.unwrap();
+        for kept in [
+            "# The head in the hall.",
+            "board = \"pi4\" # new",
+            "# fps = 30",
+            "# for now",
+            "# To the head.",
+            "number = 4 # jaw\nneutral = 0.4",
+        ] {
+            assert!(new.contains(kept), "{kept}: {new}");
+        }
+        assert_eq!(changed(TEXT, &new), ["adjust", "camera.device", "camera.fps", "link.0.channel.1.neutral"]);
+        let old = edited(
+            &new,
+            json!({"camera.device": "demo", "camera.fps": null, "link.0.channel.1.neutral": null, "adjust": null}),
+        );
+        assert_eq!(values(&old.unwrap()), values(TEXT));
+    }
+
+    #[test]
+    fn tables_of_a_list_are_added_and_removed() {
+        let new =
+            edited(TEXT, json!({"link.1.kind": "vmc", "link.1.address": "10.0.0.2:39539", "link.0.channel.0": null}));
+        let new = new.unwrap();
+        let links = &values(&new)["link"];
+        assert_eq!(links[0]["channel"], json!([{"number": 4}]));
+        assert_eq!(links[1], json!({"kind": "vmc", "address": "10.0.0.2:39539"}));
+        let inline =
+            edited("link = [{ kind = \"udp\" }]", json!({"link.0.kind": "vmc", "link.1.kind": "json"})).unwrap();
+        assert_eq!(values(&inline)["link"], json!([{"kind": "vmc"}, {"kind": "json"}]));
+        let first = edited("", json!({"link.0.kind": "udp"})).unwrap();
+        assert_eq!(first, "[[link]]\nkind = \"udp\"\n");
+    }
+
+    #[test]
+    fn a_change_that_leads_nowhere_is_refused() {
+        for (key, value) in [
+            ("link.7.kind", json!("vmc")),
+            ("board.name", json!(1)),
+            ("link.kind", json!("x")),
+            ("", json!({"a": null})),
+        ] {
+            assert!(edited(TEXT, json!({ key: value })).is_err(), "{key}");
+        }
+        assert!(edited("[camera", json!({})).unwrap_err().contains("not valid TOML"));
+    }
+
+    #[test]
+    fn a_fault_names_its_line_and_key() {
+        let placed = fault("facewire: /dev/stdin:2: camera.fps = 1000: give a whole number from 1 to 240 (1/s)");
+        let text = "camera.fps = 1000: give a whole number from 1 to 240 (1/s)";
+        assert_eq!(placed, Fault { line: Some(2), key: Some("camera.fps".into()), text: text.into() });
+        let unknown = fault("facewire: /dev/stdin:3: camera.foo is not a setting; did you mean format?");
+        assert_eq!((unknown.line, unknown.key.as_deref()), (Some(3), Some("camera.foo")));
+        let conflict = fault("facewire: link.channel.sources = {}: give at least one source");
+        assert_eq!((conflict.line, conflict.key.as_deref()), (None, Some("link.channel.sources")));
+        let broken = fault("facewire: /dev/stdin:1: not valid TOML: unclosed table, expected `]`");
+        assert_eq!((broken.line, broken.key), (Some(1), None));
+    }
+
+    #[test]
+    fn ten_former_versions_are_kept_and_say_what_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = SettingsFile::new(folder.path().join("facewire.toml"), folder.path());
+        for fps in 0..12 {
+            file.keep(&format!("[camera]\nfps = {fps}\n")).unwrap();
+        }
+        let versions = file.old_versions().unwrap();
+        assert_eq!(versions.len(), 10);
+        assert!(versions.iter().all(|version| version.summary == "camera.fps"), "{versions:?}");
+        assert_eq!(file.old_text(&versions[0].id).unwrap().unwrap(), "[camera]\nfps = 10\n");
+        assert_eq!(file.old_text("../facewire").unwrap(), None);
+    }
+}

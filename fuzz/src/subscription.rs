@@ -1,17 +1,17 @@
 //! Compares the reader of iFacialMocap's requests with a second implementation.
 
-use facewire::link::ifacialmocap_request;
+use facewire_packet::formats::ifacialmocap::request;
 
 const REQUEST: &str = "iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
 
 /// Checks that the bytes are read as the second implementation reads them, and that a request is read whatever white space
 /// and zeros follow it.
 pub fn subscription(data: &[u8]) {
-    assert_eq!(ifacialmocap_request(data), expected(data));
+    assert_eq!(request(data), expected(data));
     let filling: Vec<u8> = data.iter().map(|byte| [0, b' ', b'\n', b'\t'][usize::from(*byte) % 4]).collect();
     for (ending, version) in [("", 1), ("|sendDataVersion=v2", 2)] {
-        let request = [REQUEST.as_bytes(), ending.as_bytes(), &filling].concat();
-        assert_eq!(ifacialmocap_request(&request), Some(version));
+        let datagram = [REQUEST.as_bytes(), ending.as_bytes(), &filling].concat();
+        assert_eq!(request(&datagram), Some(version));
     }
 }
 

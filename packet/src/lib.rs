@@ -5,7 +5,7 @@
 //! length, magic number, version and checksum.
 //! A UDP datagram holds exactly one packet. On a serial line, [`Packet::encode_frame`] and [`FrameReader`] mark where
 //! packets begin and end. [`Receiver`] decides what to show. With the feature `std`, `Tally` counts
-//! packets, losses and rates.
+//! packets, losses and rates. With the feature `formats`, there is what other programs read in place of packets.
 //! Limits: packets are not resent; the next packet replaces a lost one.
 //!
 //! ```
@@ -24,6 +24,8 @@
 mod blendshapes;
 mod error;
 mod field;
+#[cfg(feature = "formats")]
+pub mod formats;
 mod frame;
 mod packet;
 mod pose;

@@ -34,6 +34,12 @@ impl State {
         }
     }
 
+    /// Whether the output shows the face of the camera, or did so a moment ago.
+    #[cfg(feature = "formats")]
+    pub(crate) const fn shows_face(self) -> bool {
+        matches!(self, Self::Live | Self::Hold)
+    }
+
     /// Returns the lower-case name, as used in tables and logs.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -2,6 +2,7 @@
 
 use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
+use facewire_packet::formats::vrchat::Form;
 use toml::de::DeValue;
 
 use super::overlay::{Entry, Overlay, Reader, Section};
@@ -262,10 +263,11 @@ impl Parameters {
         self.0.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Returns whether a parameter is sent as a number, and as how many bits; `general` if the list is empty.
-    pub fn of(&self, name: &str, general: (bool, u32)) -> Option<(bool, u32)> {
-        let named = self.0.iter().find(|(named, _)| *named == name).map(|(_, bits)| (*bits == 0, *bits));
-        if self.names_any() { named } else { Some(general) }
+    /// Returns how the list wants this parameter to be sent, unless it is empty.
+    pub fn form_of(&self, name: &str) -> Option<Form> {
+        let named = self.0.iter().find(|(named, _)| *named == name);
+        let form = named.map(|(_, bits)| Form { number: *bits == 0, bits: *bits });
+        self.names_any().then(|| form.unwrap_or_default())
     }
 }
 

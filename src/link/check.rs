@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES};
 use facewire_packet::FRAME_BYTES;
+use facewire_packet::formats::LiveLink;
+use facewire_packet::formats::vrchat::PARAMETERS;
 
-use super::live_link;
 use super::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_PER_S};
 use super::pca9685::{CHANNELS, Period};
-use super::vrchat::parameter_names;
 use crate::config::{
     AutoDevice, ChannelSettings, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings,
-    Listen, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ, SerialDevice, Settings,
-    VrchatSettings, quoted,
+    Listen, LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ,
+    SerialDevice, Settings, VrchatSettings, quoted,
 };
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
@@ -231,7 +231,7 @@ impl Check<'_> {
 
     /// Adds the faults of a link to VRChat that names an unknown parameter, or sends none.
     fn parameters(&mut self, it: &VrchatSettings) {
-        for name in it.parameters.names().filter(|name| parameter_names().all(|known| known != *name)) {
+        for name in it.parameters.names().filter(|name| PARAMETERS.iter().all(|known| known.name != *name)) {
             self.faults.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
         }
         let has_form = it.floats || it.bits > 0;
@@ -274,7 +274,7 @@ pub fn notes(settings: &Settings) -> Vec<String> {
     for link in &settings.links {
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
         if let LinkKind::LiveLink(it) = &link.kind {
-            notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
+            notes.extend(note_of_names(it).map(|note| format!("{link}: {note}")));
         }
         let channels = link.kind.channels().into_iter().flatten();
         notes.extend(channels.filter_map(|channel| {
@@ -286,6 +286,16 @@ pub fn notes(settings: &Settings) -> Vec<String> {
         }));
     }
     notes
+}
+
+/// Names with which some receivers do not read the datagrams.
+fn note_of_names(LiveLinkSettings { device_id, subject, .. }: &LiveLinkSettings) -> Option<String> {
+    let (bytes, usual) = (LiveLink::datagram_bytes(device_id, subject), LiveLink::USUAL_BYTES);
+    let sentence = format!(
+        "the datagrams have {bytes} bytes; a receiver that reads only {usual}, as a module of VRCFaceTracking may, \
+         needs a subject of 6 characters"
+    );
+    (bytes != usual).then_some(sentence)
 }
 
 fn notes_of_adjustments(table: &str, adjust: &Adjustments) -> Vec<String> {
@@ -438,5 +448,13 @@ mod tests {
                 &format!("channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 {limited}"),
             ]
         );
+    }
+
+    #[test]
+    fn live_link_has_datagrams_of_312_bytes_and_names_that_make_others_are_told() {
+        let told = |keys| notes(&parse("test", &format!("[[link]]\nkind = \"live-link\"\n{keys}")).unwrap()).concat();
+        assert_eq!(told(""), "");
+        let notes = told("subject = \"facewire\"\n");
+        assert!(notes.contains("the datagrams have 314 bytes") && notes.contains("6 characters"), "{notes}");
     }
 }

@@ -1,31 +1,19 @@
-//! iFacialMocap, versions 1 and 2: text that the iPhone app of this name streams to whoever asks for it.
-//!
-//! One datagram has the coefficients as whole percent, then the rotation of the head (degrees) with its position (metres,
-//! in the camera's axes: x right in the picture, y up, z towards the camera), and the rotations of the right and of the left
-//! eye. The axes are those of ARKit's face: positive are down, to the person's left, and to the right shoulder. The
-//! versions differ in the character between a name and its value: `-` in version 1, `&` in version 2. The encoder writes
-//! the version for the fixed address; the server turns it into the one that a receiver has asked for.
+//! The receivers of iFacialMocap, each of which asks for the face and gets it in the version that it has asked for.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
 //! system reports that nobody listens or that the host is away, and one that has been away for some seconds is dropped.
 
 use std::fmt;
-use std::io::{self, ErrorKind, Write as _};
+use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-use facewire_packet::BLENDSHAPES;
+use facewire_packet::formats::ifacialmocap::{LONGEST, request, set_version};
 
-use super::angles::{Angles, Gaze};
 use super::background::Device;
 use super::udp::socket_for;
-use super::{Encoder, LinkError, LinkErrorKind, Output};
-use crate::config::IFacialMocapSettings;
+use super::{LinkError, LinkErrorKind};
 
-const LONGEST: usize = 2048;
-/// What a receiver sends to ask for the stream, and what follows if it wants version 2.
-const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
-const SECOND: &[u8] = b"|sendDataVersion=v2";
 /// Most datagrams that are read between two messages of the stream: more than the system keeps.
 const MOST_AT_ONCE: usize = 1000;
 const MOST: usize = 8;
@@ -37,78 +25,6 @@ const LONGEST_AWAY: Duration = Duration::from_secs(3);
 /// Most lines of the log in a period. The last of them says that the log will be silent.
 const MOST_LINES: u32 = 20;
 const LOG_PERIOD: Duration = Duration::from_mins(10);
-
-pub fn encoder(settings: &IFacialMocapSettings) -> Encoder {
-    let separator = char::from(separator(settings.version));
-    let names = BLENDSHAPES.map(|name| format!("{}{separator}", short(name)));
-    let mut text = Vec::with_capacity(LONGEST);
-    Box::new(move |output, gaze, _sequence, send| {
-        text.clear();
-        if write(&mut text, &names, output, gaze).is_ok() {
-            send(&text);
-        }
-    })
-}
-
-/// Writes a datagram. `names` are those of the blendshapes, each with the character that follows it.
-fn write(text: &mut Vec<u8>, names: &[String], output: &Output, gaze: Gaze) -> io::Result<()> {
-    for (name, value) in names.iter().zip(output.pose.coefficients) {
-        write!(text, "{name}{:.0}|", 100.0 * value)?;
-    }
-    let [right_mm, down_mm, away_mm] = output.pose.position_mm;
-    let [x, y, z] = [right_mm, 0.0 - down_mm, 0.0 - away_mm].map(|mm| 0.001 * mm);
-    write_angles(text, "=head", Angles::of(output.pose.rotation))?;
-    write!(text, ",{x:.4},{y:.4},{z:.4}")?;
-    write_angles(text, "|rightEye", gaze.right)?;
-    write_angles(text, "|leftEye", gaze.left)?;
-    text.write_all(b"|")
-}
-
-fn write_angles(text: &mut Vec<u8>, name: &str, angles: Angles) -> io::Result<()> {
-    let [x, y, z] = [0.0 - angles.pitch, angles.yaw, angles.roll].map(f32::to_degrees);
-    write!(text, "{name}#{x:.3},{y:.3},{z:.3}")
-}
-
-/// Returns the app's name of a blendshape: `_L` and `_R` for `Left` and `Right` where a blendshape has two sides.
-fn short(name: &str) -> String {
-    let is_direction = ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].contains(&name);
-    let ending = |ending, short: &str| name.strip_suffix(ending).map(|stem| format!("{stem}{short}"));
-    let short = ending("Left", "_L").or_else(|| ending("Right", "_R"));
-    short.filter(|_| !is_direction).unwrap_or_else(|| name.to_owned())
-}
-
-/// Reads a request for version 1 or 2 of the text. Returns `None` for anything else. An unknown ending after `|` means
-/// version 1, as for the app.
-pub fn request(datagram: &[u8]) -> Option<u32> {
-    let ending = datagram.strip_prefix(REQUEST)?;
-    // Some receivers fill a buffer of fixed size with zeros.
-    let is_filling = |byte: &u8| *byte == 0 || byte.is_ascii_whitespace();
-    let end = ending.iter().rposition(|byte| !is_filling(byte)).map_or(0, |last| last + 1);
-    match ending.get(..end)? {
-        SECOND => Some(2),
-        [] | [b'|', ..] => Some(1),
-        _ => None,
-    }
-}
-
-/// The character between a name and its value.
-fn separator(version: u32) -> u8 {
-    if version == 1 { b'-' } else { b'&' }
-}
-
-/// Makes this version of a text, in memory that is used again for each text.
-fn in_version<'a>(version: u32, text: &[u8], changed: &'a mut Vec<u8>) -> &'a [u8] {
-    changed.clear();
-    changed.extend_from_slice(text);
-    let coefficients = changed.split_mut(|byte| *byte == b'|').take_while(|entry| !entry.starts_with(b"="));
-    for entry in coefficients {
-        // A later `-` is the sign of a value.
-        if let Some(byte) = entry.iter_mut().find(|byte| matches!(byte, b'-' | b'&')) {
-            *byte = separator(version);
-        }
-    }
-    changed
-}
 
 struct Subscriber {
     address: SocketAddr,
@@ -126,6 +42,7 @@ pub struct Server {
     /// The port to which the stream goes; 0 for the one that the request came from.
     reply_port: u16,
     subscribers: Vec<Subscriber>,
+    /// The text in the version of one of them, in memory that is used again for each.
     changed: Vec<u8>,
     /// When the present period of the log began, and how many lines it got since then. Anybody can send requests, also in
     /// the name of others, so their number is limited.
@@ -204,7 +121,10 @@ impl Server {
     fn show(&mut self, text: &[u8], now: Instant) -> bool {
         let mut is_sent = false;
         for it in &mut self.subscribers {
-            match it.socket.send(in_version(it.version, text, &mut self.changed)) {
+            self.changed.clear();
+            self.changed.extend_from_slice(text);
+            set_version(&mut self.changed, it.version);
+            match it.socket.send(&self.changed) {
                 Ok(_) => is_sent = true,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 Err(_) => {
@@ -247,44 +167,19 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::Ordering::Relaxed;
 
+    use facewire_packet::formats::ifacialmocap::REQUEST;
+
     use super::*;
     use crate::config::LinkSettings;
-    use crate::link::testing::{LEFT, counts, encoded, eventually, face, kind};
+    use crate::link::testing::{counts, eventually, face, kind};
     use crate::link::{Link, Traffic};
 
     const FACE: &[u8] = b"jawOpen&50|=head#-1,0,0,0,0,0|";
     const FACE_1: &[u8] = b"jawOpen-50|=head#-1,0,0,0,0,0|";
     const V2: &str = "|sendDataVersion=v2";
 
-    #[test]
-    fn a_frame_names_blendshapes_as_the_app_does_and_then_head_and_eyes_and_no_network_divides_it() {
-        let look = [("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0), ("mouthSmileRight", 0.126), ("jawLeft", 1.0)];
-        let mut output = face(&look);
-        (output.pose.rotation, output.pose.position_mm) = (LEFT, [100.0, 50.0, 600.0]);
-        let mut encoder = encoder(&IFacialMocapSettings::default());
-        let mut text = |output: &Output| String::from_utf8(encoded(&mut encoder, output).concat()).unwrap();
-        let frame = text(&output);
-        let end =
-            "|=head#0.000,30.000,0.000,0.1000,-0.0500,-0.6000|rightEye#0.000,35.000,0.000|leftEye#35.000,0.000,0.000|";
-        for part in ["|mouthSmile_R&13|", "eyeBlink_L&0|", "|jawLeft&100|", "|browInnerUp&0|", "|mouthRight&0|", end] {
-            assert!(frame.contains(part), "{part} in {frame}");
-        }
-        assert_eq!(frame.matches('&').count(), 52);
-        (output.pose.coefficients, output.pose.position_mm) = ([1.0; 52], [-30_000.0; 3]);
-        assert!(text(&output).len() < 1400);
-    }
-
     fn ask(ending: &str) -> Vec<u8> {
         [REQUEST, ending.as_bytes()].concat()
-    }
-
-    #[test]
-    fn only_the_apps_own_request_is_answered() {
-        let endings = ["", "\n\0\0\0", V2, "|sendDataVersion=v2\0\0\0", "|sendDataVersion=v3", "x"];
-        let versions = endings.map(|ending| request(&ask(ending)));
-        assert_eq!(versions, [Some(1), Some(1), Some(2), Some(2), Some(1), None]);
-        let other = [b"iFacialMocap_UDPTCP_", &REQUEST[13..]].concat();
-        assert_eq!([b"iFacialMocap_", &other[..]].map(request), [None; 2]);
     }
 
     fn port(port: u16) -> SocketAddr {

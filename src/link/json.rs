@@ -1,5 +1,4 @@
-//! JSON lines: one object a line, for programs that need no more than a parser of JSON, and their carriers on this machine:
-//! standard output, and a Unix socket. `docs/receivers.md` describes the fields.
+//! The carriers of JSON lines on this machine: standard output, and a Unix socket.
 //!
 //! Both may block, so each has the thread of a [`Background`](super::Background). A reader of standard output that is slow
 //! gets the newest line only. A client of the socket that is slow misses whole lines, and one that takes nothing for
@@ -10,84 +9,16 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use facewire_face::HeadPose;
-use facewire_packet::BLENDSHAPES;
-use serde::ser::SerializeMap as _;
-use serde::{Serialize, Serializer};
-
-use super::angles::{Angles, Gaze};
 use super::background::Device;
-use super::{Encoder, LinkError, LinkErrorKind, Output};
+use super::{LinkError, LinkErrorKind};
 use crate::config::Listen;
 use crate::listener::Listener;
 
-const LONGEST: usize = 2048;
 /// Most clients of a socket at a time. Further ones are disconnected.
 const MOST_CLIENTS: usize = 8;
 /// Most clients that are accepted or disconnected between two lines, so that a crowd delays no connected client.
 const MOST_AT_ONCE: usize = 16;
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
-
-pub fn encoder() -> Encoder {
-    let mut line = Vec::with_capacity(LONGEST);
-    Box::new(move |output, gaze, sequence, send| {
-        line.clear();
-        if write(&mut line, output, gaze, sequence).is_ok() {
-            line.push(b'\n');
-            send(&line);
-        }
-    })
-}
-
-#[derive(Serialize)]
-struct Head {
-    yaw_deg: f64,
-    pitch_deg: f64,
-    roll_deg: f64,
-    rotation_xyzw: [f64; 4],
-    position_mm: [f64; 3],
-}
-
-fn write(line: &mut Vec<u8>, output: &Output, gaze: Gaze, sequence: u32) -> serde_json::Result<()> {
-    let Output { state, reason, pose, age_us, capture_us, .. } = output;
-    let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
-    let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
-    let rotation_xyzw = head.rotation_xyzw.map(|part| rounded(part, 1e5));
-    let position_mm = head.position_mm.map(|mm| rounded(mm, 1e1));
-    let eye = |Angles { yaw, pitch, .. }: Angles| {
-        let angles = [("yaw_deg", yaw), ("pitch_deg", pitch)];
-        Object(angles.map(|(name, angle)| (name, rounded(angle.to_degrees(), 1e2))).into_iter())
-    };
-    let mut serializer = serde_json::Serializer::new(line);
-    let mut object = serializer.serialize_map(None)?;
-    object.serialize_entry("sequence", &sequence)?;
-    object.serialize_entry("state", state.name())?;
-    object.serialize_entry("reason", reason.name())?;
-    object.serialize_entry("neutral_face", pose.neutral_face.name())?;
-    object.serialize_entry("age_ms", &(*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0))?;
-    object.serialize_entry("capture_us", capture_us)?;
-    object.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
-    let eyes = [("left", eye(gaze.left)), ("right", eye(gaze.right))];
-    object.serialize_entry("gaze", &Object(eyes.into_iter()))?;
-    let coefficients = pose.coefficients.map(|value| rounded(value, 1e4));
-    object.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
-    object.end()
-}
-
-#[derive(Clone)]
-struct Object<I>(I);
-
-impl<K: Serialize, V: Serialize, I: Iterator<Item = (K, V)> + Clone> Serialize for Object<I> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.clone())
-    }
-}
-
-/// Returns the number with as many digits as `parts` has zeros, so that a line stays short.
-fn rounded(number: f32, parts: f64) -> f64 {
-    // Adding 0 turns -0 into 0.
-    (f64::from(number) * parts).round() / parts + 0.0
-}
 
 pub struct Stdout;
 
@@ -181,40 +112,8 @@ impl Client {
 mod tests {
     use std::io::{BufRead as _, BufReader, Read as _};
 
-    use facewire_packet::State;
-    use serde_json::{Value, json};
-
     use super::*;
-    use crate::link::test_output;
-    use crate::link::testing::{LEFT, PATIENCE, encoded, face};
-
-    #[test]
-    fn a_line_names_everything_and_the_age_is_null_before_the_first_pose() {
-        let mut output = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
-        output = Output { pose: output.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
-        (output.pose.rotation, output.pose.position_mm) = (LEFT, [10.04, -20.0, 600.0]);
-        let line = |output: &Output| encoded(&mut encoder(), output).concat();
-        let value = |output: &Output| serde_json::from_slice::<Value>(&line(output)).unwrap();
-        let mut found = value(&output);
-        let coefficients = found["coefficients"].take();
-        assert_eq!((coefficients.as_object().unwrap().len(), &coefficients["jawOpen"]), (52, &json!(0.1235)));
-        let want = json!({
-            "sequence": 7, "state": "hold", "reason": "no face", "neutral_face": "mean", "age_ms": 23.4,
-            "capture_us": 5_000_000, "coefficients": null,
-            "head": {
-                "yaw_deg": 30.0, "pitch_deg": 0.0, "roll_deg": 0.0,
-                "rotation_xyzw": [0.0, 0.25882, 0.0, 0.96593], "position_mm": [10.0, -20.0, 600.0],
-            },
-            "gaze": { "left": { "yaw_deg": 0.0, "pitch_deg": 35.0 }, "right": { "yaw_deg": 0.0, "pitch_deg": 0.0 } },
-        });
-        assert_eq!(found, want);
-        (output.pose.coefficients, output.pose.rotation) = ([0.123_456; 52], [-0.5, -0.5, -0.5, 0.5]);
-        (output.pose.position_mm, output.age_us, output.capture_us) = ([-30_000.12; 3], u64::MAX - 1, u64::MAX);
-        let longest = line(&output);
-        assert!(longest.ends_with(b"}\n") && longest.len() < LONGEST);
-        output.age_us = u64::MAX;
-        assert!(value(&output)["age_ms"].is_null());
-    }
+    use crate::link::testing::PATIENCE;
 
     /// A socket that is served only when the test calls it.
     struct Served {

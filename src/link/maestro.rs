@@ -8,7 +8,7 @@
 
 use std::time::Instant;
 
-use super::{Encoder, packet};
+use super::encoder::Encoder;
 use crate::config::{MaestroProtocol, MaestroSettings};
 use crate::servo::{Board, Channel};
 
@@ -159,11 +159,11 @@ pub fn encoder(settings: &MaestroSettings) -> Encoder {
     let (mut board, protocol) = (Board::new(&settings.channels), Protocol::new(settings));
     let (multiple_targets, mut message) =
         (settings.multiple_targets, Vec::with_capacity(settings.channels.len() * COMMAND_BYTES));
-    Box::new(move |output, _gaze, _sequence, send| {
+    Box::new(move |packet, _, send| {
         message.clear();
         // One command sets neighbours if it may set several, otherwise each channel has its own.
         let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
-        for block in board.follow(&packet(output, 0), Instant::now()).chunk_by(is_next) {
+        for block in board.follow(packet, Instant::now()).chunk_by(is_next) {
             let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
             let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
             if count == 1 {

@@ -6,20 +6,16 @@
 //! send, because a receiver may appear and disappear at any time. No link waits for another.
 //! Limits: nothing is queued or sent again, because the next packet is newer.
 
-mod angles;
 mod background;
 mod check;
+mod encoder;
 mod ifacialmocap;
 mod json;
-mod live_link;
 pub mod maestro;
-mod osc;
 mod output;
 pub mod pca9685;
 mod serial;
 mod udp;
-mod vmc;
-mod vrchat;
 
 use std::fmt::Display;
 use std::io;
@@ -27,13 +23,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-use facewire_packet::Packet;
 pub use facewire_packet::Pose;
 
-use self::angles::Gaze;
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
-pub use self::ifacialmocap::request as ifacialmocap_request;
+use self::encoder::{Encoder, encoder_of, packet};
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
@@ -43,11 +37,6 @@ use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
 use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
-
-/// Encodes an output as the link's packet of this number, in memory that was taken when the link was opened, and calls the
-/// last argument once for each message. The output is as the settings of the link want it: adjusted, and held or neutral
-/// while no face is followed.
-type Encoder = Box<dyn FnMut(&Output, Gaze, u32, &mut dyn FnMut(&[u8])) + Send>;
 
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]
@@ -70,8 +59,7 @@ pub struct Link {
     /// What may block. A link to receivers that ask for the face can have both.
     device: Option<Background>,
     traffic: Arc<Traffic>,
-    sequence: u32,
-    gaze: Gaze,
+    sequence: u16,
     shown: Shown,
     pace: Pace,
 }
@@ -135,8 +123,8 @@ impl Link {
             }
             _ => None,
         };
-        let (encoder, traffic, sequence, gaze) = (encoder_of(&settings.kind), counters(), 0, Gaze::default());
-        Ok(Self { encoder, udp, device, traffic, sequence, gaze, shown: Shown::default(), pace: Pace::default() })
+        let (encoder, traffic, sequence) = (encoder_of(&settings.kind), counters(), 0);
+        Ok(Self { encoder, udp, device, traffic, sequence, shown: Shown::default(), pace: Pace::default() })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -194,8 +182,7 @@ impl Link {
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
-        self.gaze.follow(&output.pose.coefficients);
-        encoder(output, self.gaze, self.sequence, &mut |message| {
+        encoder(&packet(output, self.sequence), output, &mut |message| {
             traffic.packets.fetch_add(1, Relaxed);
             udp.iter_mut().for_each(|udp| udp.send(message));
             device.iter_mut().for_each(|device| device.send(message));
@@ -229,29 +216,6 @@ impl Link {
     }
 }
 
-fn encoder_of(kind: &LinkKind) -> Encoder {
-    match kind {
-        // The thread of a PCA9685 takes packets, too.
-        LinkKind::Udp(_) | LinkKind::Pca9685(_) => {
-            Box::new(|output, _gaze, sequence, send| send(&packet(output, sequence).encode()))
-        }
-        LinkKind::Serial(_) => Box::new(|output, _gaze, sequence, send| send(&packet(output, sequence).encode_frame())),
-        LinkKind::LiveLink(settings) => live_link::encoder(settings),
-        LinkKind::Vmc(settings) => vmc::encoder(settings),
-        LinkKind::Vrchat(settings) => vrchat::encoder(settings),
-        LinkKind::Maestro(settings) => maestro::encoder(settings),
-        LinkKind::IFacialMocap(settings) => ifacialmocap::encoder(settings),
-        LinkKind::Json(_) => json::encoder(),
-    }
-}
-
-/// The facewire packet, version 1: each in a datagram, or as a COBS frame on a serial line.
-fn packet(output: &Output, sequence: u32) -> Packet {
-    let Output { state, reason, age_us, capture_us, .. } = *output;
-    let (age_us, capture_us) = (u32::try_from(age_us).unwrap_or(u32::MAX), capture_us as u32);
-    Packet { state, reason, sequence: sequence as u16, age_us, capture_us, ..Packet::NEUTRAL }.with_pose(&output.pose)
-}
-
 #[cfg(test)]
 mod testing {
     use std::thread;
@@ -263,9 +227,6 @@ mod testing {
 
     /// Longer than any step takes on a busy machine.
     pub const PATIENCE: Duration = Duration::from_secs(10);
-
-    /// Rotation of a head that turns 30 degrees to the person's left, unit quaternion x, y, z, w.
-    pub const LEFT: [f32; 4] = [0.0, 0.258_819, 0.0, 0.965_926];
 
     pub fn kind(name: &str, keys: &str) -> LinkKind {
         let text = format!("[[link]]\nkind = \"{name}\"\n{keys}");
@@ -281,13 +242,6 @@ mod testing {
         output
     }
 
-    pub fn encoded(encoder: &mut Encoder, output: &Output) -> Vec<Vec<u8>> {
-        let (mut messages, mut gaze) = (Vec::new(), Gaze::default());
-        gaze.follow(&output.pose.coefficients);
-        encoder(output, gaze, 7, &mut |bytes| messages.push(bytes.to_vec()));
-        messages
-    }
-
     pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
         let end = Instant::now() + PATIENCE;
         while !happens() {
@@ -299,34 +253,5 @@ mod testing {
     /// Messages sent, and messages dropped.
     pub fn counts(traffic: &Traffic) -> [u64; 2] {
         [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed))
-    }
-
-    pub fn near(a: &[f32], b: &[f32]) -> bool {
-        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use facewire_packet::{FrameReader, NeutralFace, Reason, State};
-
-    use super::testing::{encoded, kind};
-    use super::*;
-
-    #[test]
-    fn datagrams_and_frames_carry_every_field_of_the_output() {
-        let (rotation, position_mm) = ([0.0, 0.6, 0.0, 0.8], [1.0, -2.0, 600.0]);
-        let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
-        pose.coefficients[17] = 1.0;
-        let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };
-        let [udp, serial] = ["udp", "serial"].map(|name| encoded(&mut encoder_of(&kind(name, "")), &output).concat());
-        let packet = Packet::decode(&udp).unwrap();
-        let Packet { state, reason, sequence, age_us, capture_us, neutral_face, .. } = packet;
-        assert_eq!((state, reason, sequence), (State::Hold, Reason::NoFace, 7));
-        assert_eq!((age_us, capture_us, neutral_face), (200, 5, NeutralFace::Estimated));
-        assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
-        assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
-        let mut reader = FrameReader::default();
-        assert_eq!(serial.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
     }
 }

@@ -40,12 +40,6 @@ pub struct Output {
     pub moving: bool,
 }
 
-impl Output {
-    pub(super) fn shows_face(&self) -> bool {
-        matches!(self.state, State::Live | State::Hold)
-    }
-}
-
 /// What a link remembers for the time after a loss.
 #[derive(Debug, Default)]
 pub struct Shown {

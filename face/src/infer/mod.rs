@@ -264,7 +264,7 @@ fn check(graph: &Graph, signature: &Signature) -> Result<(), String> {
     }
     for (output, &(name, expected)) in graph.outputs().iter().zip(signature.outputs) {
         let found = shape(output.tensor);
-        let has_as_many = expected.len() < 3 && found.iter().product::<usize>() == expected.iter().product();
+        let has_as_many = expected.len() < 3 && found.iter().product::<usize>() == expected.iter().product::<usize>();
         if output.name != name || !(found == expected || has_as_many) {
             return Err(format!("{} has shape {found:?} in place of {name} with {expected:?}", output.name));
         }

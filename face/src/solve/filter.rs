@@ -262,7 +262,7 @@ pub(super) mod tests {
             (1_u8..9).for_each(|x| _ = before.step(&mut state, [f32::from(x)], FRAME_S));
             assert_eq!(after.step(&mut state, [0.4], FRAME_S), [0.4], "{before:?}, then {after:?}");
             let off = Filter { time_s: 0.0, ..before };
-            (1_u8..9).for_each(|x| assert_eq!(off.step(&mut state, [x.into()], FRAME_S), [x.into()], "{off:?}"));
+            (1_u8..9).for_each(|x| assert_eq!(off.step(&mut state, [x.into()], FRAME_S), [f32::from(x)], "{off:?}"));
         }
     }
 

@@ -5,13 +5,13 @@
 
 mod parameters;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use self::parameters::{Face, Group, PARAMETERS, Parameter};
+use self::parameters::Face;
+pub use self::parameters::{Group, PARAMETERS, Parameter};
 use super::angles::Gaze;
 use super::osc::{Bundles, Message};
-use super::{Encoder, Output};
-use crate::config::VrchatSettings;
+use crate::Packet;
 
 const REFRESH: Duration = Duration::from_secs(1);
 /// Smallest change that is sent: half a step of the 8 bits with which VRChat shows parameters to other players.
@@ -22,37 +22,50 @@ const STEP_DEG: f32 = 45.0 * STEP;
 const STATUS: [&str; 3] = ["EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive"];
 const FULL: f32 = 0.99999;
 
-pub fn parameter_names() -> impl Iterator<Item = &'static str> {
-    PARAMETERS.iter().map(|parameter| parameter.name.as_str())
+/// How a parameter is sent. The default is not at all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Form {
+    /// Whether it is sent as one number.
+    pub number: bool,
+    /// As how many truth values it is sent, each a bit of the number, besides one for its sign.
+    pub bits: u32,
 }
 
-struct Vrchat {
+/// Writes the messages that have changed.
+pub struct Vrchat {
     entries: Vec<Entry>,
     bundles: Bundles,
-    refreshed: Option<Instant>,
+    refreshed: Option<Duration>,
+    gaze: Gaze,
 }
 
 impl Vrchat {
-    fn new(settings: &VrchatSettings) -> Self {
+    /// Makes the format. `prefix` stands before the name of each parameter, and `form_of` says how each is sent.
+    /// `has_native_eyes` adds VRChat's own addresses for eyes.
+    pub fn new(prefix: &str, has_native_eyes: bool, form_of: impl Fn(&Parameter) -> Form) -> Self {
         let mut entries = Vec::new();
         for name in STATUS {
             let address = format!("/avatar/parameters/{name}");
             entries.push(Entry::truth(&address, |face| face.is_tracked));
         }
-        PARAMETERS.iter().for_each(|parameter| add(&mut entries, parameter, settings));
-        if settings.native_eyes {
+        for parameter in PARAMETERS.iter() {
+            add(&mut entries, parameter, prefix, form_of(parameter));
+        }
+        if has_native_eyes {
             entries.push(Entry::new("/tracking/eye/EyesClosedAmount", "f", |face| [face.eyes_closed(), 0.0, 0.0, 0.0]));
             entries.push(Entry::new("/tracking/eye/LeftRightPitchYaw", "ffff", Face::eye_angles_deg));
         }
-        Self { entries, bundles: Bundles::new(true), refreshed: None }
+        Self { entries, bundles: Bundles::new(true), refreshed: None, gaze: Gaze::default() }
     }
 
-    fn encode(&mut self, now: Instant, output: &Output, gaze: Gaze, send: &mut dyn FnMut(&[u8])) {
-        let is_refreshed = self.refreshed.is_none_or(|refreshed| now.duration_since(refreshed) >= REFRESH);
+    /// Sends what has changed at this time since the format was made.
+    pub fn encode(&mut self, packet: &Packet, now: Duration, send: &mut dyn FnMut(&[u8])) {
+        self.gaze.follow(&packet.coefficients);
+        let is_refreshed = self.refreshed.is_none_or(|refreshed| now.saturating_sub(refreshed) >= REFRESH);
         if is_refreshed {
             self.refreshed = Some(now);
         }
-        let face = Face::new(&output.pose, gaze, output.shows_face());
+        let face = Face::new(packet, self.gaze);
         for entry in &mut self.entries {
             if entry.follow(&face, is_refreshed) {
                 self.bundles.add(&entry.message, send);
@@ -62,21 +75,8 @@ impl Vrchat {
     }
 }
 
-pub fn encoder(settings: &VrchatSettings) -> Encoder {
-    let mut vrchat = Vrchat::new(settings);
-    Box::new(move |output, gaze, _sequence, send| vrchat.encode(Instant::now(), output, gaze, send))
-}
-
-/// Adds the parameter as one number, as bits, or both, if the settings want it.
-fn add(entries: &mut Vec<Entry>, parameter: &'static Parameter, settings: &VrchatSettings) {
-    let is_wanted = match parameter.group {
-        Group::Shape => settings.shapes,
-        Group::Compound => settings.compounds,
-        Group::Head => settings.head,
-    };
-    let choice = settings.parameters.of(&parameter.name, (settings.floats, settings.bits));
-    let Some((number, bits)) = choice.filter(|_| is_wanted || settings.parameters.names_any()) else { return };
-    let address = format!("/avatar/parameters/{}v2/{}", settings.prefix, parameter.name);
+fn add(entries: &mut Vec<Entry>, parameter: &'static Parameter, prefix: &str, Form { number, bits }: Form) {
+    let address = format!("/avatar/parameters/{prefix}v2/{}", parameter.name);
     if number {
         entries.push(Entry::new(&address, "f", |face| [parameter.value(face), 0.0, 0.0, 0.0]));
     }
@@ -90,6 +90,7 @@ fn add(entries: &mut Vec<Entry>, parameter: &'static Parameter, settings: &Vrcha
 }
 
 /// Whether bit number `bit` is set in the size of a value, coded in `bits` bits. From [`FULL`] on, all bits are set.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a size from 0 to 1 in at most 31 bits")]
 fn has_bit(value: f32, bits: u32, bit: u32) -> bool {
     let size = value.abs();
     let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };
@@ -132,76 +133,75 @@ impl Entry {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests {
     use std::collections::BTreeMap;
 
-    use facewire_packet::State;
     use rosc::OscType;
 
+    use super::super::osc::received;
+    use super::super::testing::{face, near, sent};
     use super::*;
-    use crate::config::LinkKind;
-    use crate::link::osc::received;
-    use crate::link::testing::{face, kind, near};
+    use crate::State;
 
     type Messages = BTreeMap<String, Vec<OscType>>;
 
-    fn open(keys: &str) -> Vrchat {
-        let LinkKind::Vrchat(settings) = kind("vrchat", keys) else { unreachable!() };
-        Vrchat::new(&settings)
-    }
+    const NUMBERS: Form = Form { number: true, bits: 0 };
 
-    fn messages(format: &mut Vrchat, now: Instant, output: &Output) -> Messages {
-        let (mut datagrams, mut gaze) = (Vec::new(), Gaze::default());
-        gaze.follow(&output.pose.coefficients);
-        format.encode(now, output, gaze, &mut |bytes| datagrams.push(bytes.to_vec()));
+    fn messages(format: &mut Vrchat, now_ms: u64, packet: &Packet) -> Messages {
+        let datagrams = sent(|send| format.encode(packet, Duration::from_millis(now_ms), send));
         received(&datagrams).into_iter().map(|message| (message.addr, message.args)).collect()
     }
 
-    /// Returns what a new link with these settings sends first.
-    fn first(keys: &str, output: &Output) -> Messages {
-        messages(&mut open(keys), Instant::now(), output)
+    /// Returns what a new format sends first.
+    fn first(prefix: &str, form_of: impl Fn(&Parameter) -> Form, packet: &Packet) -> Messages {
+        messages(&mut Vrchat::new(prefix, false, form_of), 0, packet)
     }
 
     #[test]
     fn parameters_follow_the_formulas_of_vrcfacetracking() {
         let smile = face(&[("mouthSmileLeft", 0.5), ("mouthFrownLeft", 0.1), ("mouthStretchLeft", 0.3)]);
         let brow = face(&[("browInnerUp", 0.5), ("browOuterUpLeft", 1.0), ("browDownLeft", 0.2)]);
-        let lids = face(&[("eyeBlinkLeft", 0.2), ("eyeWideLeft", 0.4), ("eyeSquintRight", 0.3)]);
+        let eyes = face(&[("eyeBlinkLeft", 0.2), ("eyeWideLeft", 0.4), ("eyeSquintRight", 0.3)]);
         let [mouth, jaw] = [[("mouthLeft", 0.3), ("jawRight", 0.7)], [("mouthClose", 0.5), ("jawOpen", 0.3)]];
         let mouth = face(&[&mouth[..], &jaw, &[("mouthFunnel", 0.4)]].concat());
         let lips = face(&[("mouthUpperUpLeft", 0.4), ("mouthLowerDownRight", 0.8), ("mouthRollUpper", 0.9)]);
-        for (output, names, want) in [
+        for (packet, names, want) in [
             (&smile, ["MouthCornerPullLeft", "MouthCornerSlantLeft", "SmileFrownLeft"], [0.5, 0.5, 0.4]),
             (&smile, ["SmileSadLeft", "SmileFrown", "SmileFrownRight"], [0.2, 0.2, 0.0]),
             (&brow, ["BrowUpLeft", "BrowExpressionLeft", "BrowInnerUpRight"], [0.8, 0.55, 0.5]),
-            (&lids, ["EyeLidLeft", "EyeOpenLeft", "EyeOpenRight"], [0.7, 0.8, 1.0]),
-            (&lids, ["EyeClosed", "EyeWide", "EyesSquint"], [0.1, 0.4, 0.3]),
+            (&eyes, ["EyeLidLeft", "EyeOpenLeft", "EyeOpenRight"], [0.7, 0.8, 1.0]),
+            (&eyes, ["EyeClosed", "EyeWide", "EyesSquint"], [0.1, 0.4, 0.3]),
             (&mouth, ["MouthX", "JawX", "MouthClosed"], [-0.3, 0.7, 0.3]),
             (&mouth, ["LipFunnelUpperLeft", "LipFunnelLowerRight", "MouthUpperLeft"], [0.4, 0.4, 0.3]),
             // 1 - 0.4^(1/6)
             (&lips, ["MouthOpen", "LipSuckUpperLeft", "LipSuckUpperRight"], [0.3, 0.141_63, 0.9]),
         ] {
-            let sent = first("", output);
+            let sent = first("", |_| NUMBERS, packet);
             let found = names.map(|name| sent[&format!("/avatar/parameters/v2/{name}")][0].clone().float().unwrap());
             assert!(near(&found, &want), "{names:?} {found:?}");
         }
         for extreme in [0.0, 1.0] {
-            let look = facewire_packet::BLENDSHAPES.map(|name| (name, extreme));
-            let numbers = first("", &face(&look)).into_values().filter_map(|value| value[0].clone().float());
+            let look = crate::BLENDSHAPES.map(|name| (name, extreme));
+            let numbers =
+                first("", |_| NUMBERS, &face(&look)).into_values().filter_map(|value| value[0].clone().float());
             assert!(numbers.into_iter().all(|number| number.abs() <= 1.0), "{extreme}");
         }
     }
 
     #[test]
     fn binary_parameters_have_a_sign_and_bits_and_a_list_limits_what_is_sent() {
-        for (keys, look, name, set, count) in [
-            ("bits = 3\nfloats = false\n", ("jawOpen", 0.63), "v2/JawOpen", ["1", "4"].as_slice(), 4),
-            ("bits = 3\nfloats = false\n", ("jawOpen", 1.0), "v2/JawOpen", &["1", "2", "4"], 4),
-            ("bits = 3\nfloats = false\n", ("jawLeft", 0.5), "v2/JawX", &["4", "Negative"], 4),
-            ("parameters = \"JawOpen:2\"\nprefix = \"FT/\"\n", ("jawOpen", 0.5), "FT/v2/JawOpen", &["2"], 3),
-            ("parameters = \"JawOpen:2\"\n", ("jawLeft", 1.0), "v2/JawX", &[], 0),
+        let bits = |bits| Form { number: false, bits };
+        let (all, jaw): (fn(&_) -> _, fn(&_) -> _) =
+            (|_| 3, |parameter: &Parameter| if parameter.name == "JawOpen" { 2 } else { 0 });
+        for (bits_of, prefix, look, name, set, count) in [
+            (all, "", ("jawOpen", 0.63), "v2/JawOpen", ["1", "4"].as_slice(), 4),
+            (all, "", ("jawOpen", 1.0), "v2/JawOpen", &["1", "2", "4"], 4),
+            (all, "", ("jawLeft", 0.5), "v2/JawX", &["4", "Negative"], 4),
+            (jaw, "FT/", ("jawOpen", 0.5), "FT/v2/JawOpen", &["2"], 3),
+            (jaw, "", ("jawLeft", 1.0), "v2/JawX", &[], 0),
         ] {
-            let sent = first(keys, &face(&[look]));
+            let sent = first(prefix, |parameter| bits(bits_of(parameter)), &face(&[look]));
             let endings = sent.iter().filter_map(|(address, value)| {
                 Some((address.strip_prefix("/avatar/parameters/")?.strip_prefix(name)?, value[0].clone().bool()?))
             });
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn only_changes_are_sent_and_everything_once_a_second_and_the_status_is_false_without_a_face() {
-        let (mut format, begun, all) = (open(""), Instant::now(), STATUS.len() + PARAMETERS.len());
+        let (mut format, all) = (Vrchat::new("", false, |_| NUMBERS), STATUS.len() + PARAMETERS.len());
         for (ms, state, jaw_open, count, status) in [
             (0, State::Live, 0.0, all, Some(true)),
             (16, State::Hold, 0.0, 0, None),
@@ -222,8 +222,7 @@ mod tests {
             (1000, State::Live, 0.103, all, Some(true)),
             (1016, State::Decay, 0.103, STATUS.len(), Some(false)),
         ] {
-            let output = Output { state, ..face(&[("jawOpen", jaw_open)]) };
-            let messages = messages(&mut format, begun + Duration::from_millis(ms), &output);
+            let messages = messages(&mut format, ms, &Packet { state, ..face(&[("jawOpen", jaw_open)]) });
             let found =
                 messages.get("/avatar/parameters/EyeTrackingActive").map(|value| value[0] == OscType::Bool(true));
             assert_eq!((messages.len(), found), (count, status), "{ms} ms");

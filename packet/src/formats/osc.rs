@@ -1,6 +1,6 @@
 //! Open Sound Control: messages in bundles that one Ethernet frame carries.
 //!
-//! Messages are encoded when a link is opened. From then on only their numbers change, in place, so that nothing
+//! Messages are encoded when a format is made. From then on only their numbers change, in place, so that nothing
 //! allocates.
 
 /// Longest bundle, bytes: less than every network carries undivided, tunnels included. An Ethernet frame carries 1472, and
@@ -10,6 +10,7 @@ pub const LONGEST: usize = 1200;
 const HEAD: &[u8] = b"#bundle\0\0\0\0\0\0\0\0\x01";
 
 /// The bytes of a message: its address, the types of its arguments, and the arguments.
+#[derive(Debug)]
 pub struct Message(Vec<u8>);
 
 impl Message {
@@ -44,6 +45,7 @@ impl Message {
     }
 }
 
+#[derive(Debug)]
 pub struct Bundles {
     /// Whether messages share datagrams. If not, each message travels in a datagram of its own.
     is_bundled: bool,
@@ -82,6 +84,7 @@ impl Bundles {
 
 /// Decodes bundles with a library that is not ours, and returns their messages in order. No bundle may be too long.
 #[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic)]
 pub fn received(datagrams: &[Vec<u8>]) -> Vec<rosc::OscMessage> {
     let content = |bytes: &Vec<u8>| match rosc::decoder::decode_udp(bytes).unwrap() {
         (&[], rosc::OscPacket::Bundle(bundle)) if bytes.len() <= LONGEST => bundle.content,
@@ -95,6 +98,7 @@ pub fn received(datagrams: &[Vec<u8>]) -> Vec<rosc::OscMessage> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests {
     use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType};
 
@@ -110,7 +114,8 @@ mod tests {
             numbers.set(&[value]);
             let mut flag = Message::new("/flag", "F", "", &[]);
             flag.set_bool(is_even);
-            [&numbers, &flag].into_iter().for_each(|message| bundles.add(message, &mut send));
+            bundles.add(&numbers, &mut send);
+            bundles.add(&flag, &mut send);
             let args = vec![OscType::String(name), OscType::Int(-7), OscType::Float(value)];
             want.push(OscMessage { addr: "/n".to_owned(), args });
             want.push(OscMessage { addr: "/flag".to_owned(), args: vec![OscType::Bool(is_even)] });

@@ -1,10 +1,10 @@
 //! The rotation of the head and of the eyes, in the conventions of other programs.
 //!
-//! facewire's axes are those of ARKit's face: x to the person's left, y up, z out of the face. The angles here belong to
+//! facewire's axes are those of `ARKit`'s face: x to the person's left, y up, z out of the face. The angles here belong to
 //! `Ry(yaw) Rx(-pitch) Rz(roll)`, the order in which Unity and Unreal compose theirs: the head tilts first, nods next
 //! and turns last.
 
-use facewire_packet::{BLENDSHAPE_COUNT, FULL_GAZE_DEG};
+use crate::{BLENDSHAPE_COUNT, FULL_GAZE_DEG};
 
 /// [`FULL_GAZE_DEG`] in radians.
 pub const FULL_GAZE: f32 = FULL_GAZE_DEG * std::f32::consts::PI / 180.0;
@@ -72,11 +72,11 @@ impl Gaze {
 
 #[cfg(test)]
 mod tests {
-    use facewire_packet::yaw_pitch_roll_deg;
     use nalgebra::{UnitQuaternion, Vector3};
 
+    use super::super::testing::{face, near};
     use super::*;
-    use crate::link::testing::{face, near};
+    use crate::yaw_pitch_roll_deg;
 
     #[test]
     fn the_angles_compose_to_the_rotation_again() {
@@ -115,7 +115,7 @@ mod tests {
                 [-1.666, -6.035, 2.440, -6.030],
             ),
         ] {
-            gaze.follow(&face(look).pose.coefficients);
+            gaze.follow(&face(look).coefficients);
             let found = [gaze.left.yaw, gaze.left.pitch, gaze.right.yaw, gaze.right.pitch].map(f32::to_degrees);
             let is_near = found.iter().zip(want_deg).all(|(found, want)| (found - want).abs() < tolerance_deg);
             assert!(is_near, "{look:?} {found:?}");

@@ -8,17 +8,20 @@ use std::f32::consts::FRAC_PI_2;
 use std::sync::LazyLock;
 
 use super::super::angles::{Angles, FULL_GAZE, Gaze};
-use facewire_packet::Pose;
+use crate::Packet;
 
-/// What a parameter is about: one movement, several movements in one number, or the turn of the head.
+/// What a parameter is about.
 #[derive(Debug, Clone, Copy)]
 pub enum Group {
+    /// One movement.
     Shape,
+    /// Several movements in one number, or the mean of both sides.
     Compound,
+    /// The turn of the head.
     Head,
 }
 
-/// Declares [`Face`] and [`Side`] from the places of the coefficients in [`facewire_packet::BLENDSHAPES`].
+/// Declares [`Face`] and [`Side`] from the places of the coefficients in [`crate::BLENDSHAPES`].
 macro_rules! face {
     (sides { $($side:ident $left:literal $right:literal)* } whole { $($whole:ident $place:literal)* }) => {
         pub struct Side {
@@ -37,15 +40,15 @@ macro_rules! face {
         }
 
         impl Face {
-            pub fn new(pose: &Pose, gaze: Gaze, is_tracked: bool) -> Self {
-                let from = &pose.coefficients;
+            pub fn new(packet: &Packet, gaze: Gaze) -> Self {
+                let from = &packet.coefficients;
                 let look = |eye: Angles| [0.0 - eye.yaw / FULL_GAZE, eye.pitch / FULL_GAZE];
                 Self {
                     $( $whole: from[$place], )*
                     left: Side { $( $side: from[$left], )* look: look(gaze.left) },
                     right: Side { $( $side: from[$right], )* look: look(gaze.right) },
-                    head: Angles::of(pose.rotation).reversed().map(|angle| angle / FRAC_PI_2),
-                    is_tracked,
+                    head: Angles::of(packet.rotation).reversed().map(|angle| angle / FRAC_PI_2),
+                    is_tracked: packet.state.shows_face(),
                 }
             }
         }
@@ -84,9 +87,12 @@ fn mean(a: f32, b: f32) -> f32 {
     0.5 * (a + b)
 }
 
+/// A parameter of an avatar.
+#[derive(Debug)]
 pub struct Parameter {
     /// Its name after `v2/`.
     pub name: String,
+    /// What it is about.
     pub group: Group,
     /// The shares of the left and of the right side.
     shares: [f32; 2],
@@ -95,12 +101,13 @@ pub struct Parameter {
 
 impl Parameter {
     /// The value of the parameter, from -1 to 1.
-    pub fn value(&self, face: &Face) -> f32 {
+    pub(super) fn value(&self, face: &Face) -> f32 {
         let [left, right] = self.shares;
         left * (self.formula)(face, &face.left) + right * (self.formula)(face, &face.right)
     }
 }
 
+/// All parameters.
 pub static PARAMETERS: LazyLock<Vec<Parameter>> = LazyLock::new(|| {
     let mut parameters = Vec::new();
     for (names, (sides, whole), formula) in ROWS {

@@ -1,0 +1,127 @@
+//! Which bytes a link sends: the format of each kind, with the options that its settings give.
+
+use std::time::Instant;
+
+use facewire_packet::Packet;
+use facewire_packet::formats::vrchat::{Form, Group, Parameter};
+use facewire_packet::formats::{IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
+
+use super::{Output, maestro};
+use crate::config::{LinkKind, VrchatSettings};
+
+/// Encodes a packet in memory that was taken when the link was opened, and calls the last argument once for each message.
+/// The packet is made of the output, whose times do not wrap. Both are as the settings of the link want them: adjusted, and
+/// held or neutral while no face is followed.
+pub type Encoder = Box<dyn FnMut(&Packet, &Output, &mut dyn FnMut(&[u8])) + Send>;
+
+pub fn encoder_of(kind: &LinkKind) -> Encoder {
+    let begun = Instant::now();
+    match kind {
+        // The thread of a PCA9685 takes packets, too.
+        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(|packet, _, send| send(&packet.encode())),
+        LinkKind::Serial(_) => Box::new(|packet, _, send| send(&packet.encode_frame())),
+        LinkKind::LiveLink(it) => {
+            let mut format = LiveLink::new(&it.device_id, &it.subject, it.swap_mouth);
+            Box::new(move |packet, output, send| {
+                format.encode(packet, output.capture_us.wrapping_add(output.age_us), send);
+            })
+        }
+        LinkKind::Vmc(it) => {
+            let mut format = Vmc::new(it.bones, it.bundles);
+            Box::new(move |packet, _, send| format.encode(packet, begun.elapsed().as_secs_f32(), send))
+        }
+        LinkKind::Vrchat(it) => {
+            let mut format = Vrchat::new(&it.prefix, it.native_eyes, |parameter| form_of(parameter, it));
+            Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
+        }
+        LinkKind::Maestro(it) => maestro::encoder(it),
+        LinkKind::IFacialMocap(it) => {
+            let mut format = IFacialMocap::new(it.version);
+            Box::new(move |packet, _, send| format.encode(packet, send))
+        }
+        LinkKind::Json(_) => {
+            let mut format = JsonLines::default();
+            Box::new(move |packet, output, send| {
+                let age_us = (output.age_us != u64::MAX).then_some(output.age_us);
+                format.encode(packet, age_us, output.capture_us, send);
+            })
+        }
+    }
+}
+
+fn form_of(parameter: &Parameter, it: &VrchatSettings) -> Form {
+    let is_wanted = match parameter.group {
+        Group::Shape => it.shapes,
+        Group::Compound => it.compounds,
+        Group::Head => it.head,
+    };
+    let general = if is_wanted { Form { number: it.floats, bits: it.bits } } else { Form::default() };
+    it.parameters.form_of(&parameter.name).unwrap_or(general)
+}
+
+/// The packet of an output. Its age saturates, and its times wrap.
+pub fn packet(output: &Output, sequence: u16) -> Packet {
+    let Output { state, reason, age_us, capture_us, .. } = *output;
+    let (age_us, capture_us) = (u32::try_from(age_us).unwrap_or(u32::MAX), capture_us as u32);
+    Packet { state, reason, sequence, age_us, capture_us, ..Packet::NEUTRAL }.with_pose(&output.pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use facewire_packet::{FrameReader, NeutralFace, Pose, Reason, State};
+
+    use super::*;
+    use crate::link::test_output;
+    use crate::link::testing::kind;
+
+    fn encoded(kind: &LinkKind, output: &Output) -> Vec<u8> {
+        let mut messages = Vec::new();
+        encoder_of(kind)(&packet(output, 7), output, &mut |bytes| messages.extend_from_slice(bytes));
+        messages
+    }
+
+    #[test]
+    fn datagrams_and_frames_carry_every_field_of_the_output() {
+        let (rotation, position_mm) = ([0.0, 0.6, 0.0, 0.8], [1.0, -2.0, 600.0]);
+        let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
+        pose.coefficients[17] = 1.0;
+        let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };
+        let [udp, serial] = ["udp", "serial"].map(|name| encoded(&kind(name, ""), &output));
+        let packet = Packet::decode(&udp).unwrap();
+        let Packet { state, reason, sequence, age_us, capture_us, neutral_face, .. } = packet;
+        assert_eq!((state, reason, sequence), (State::Hold, Reason::NoFace, 7));
+        assert_eq!((age_us, capture_us, neutral_face), (200, 5, NeutralFace::Estimated));
+        assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
+        assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
+        let mut reader = FrameReader::default();
+        assert_eq!(serial.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
+    }
+
+    #[test]
+    fn other_formats_get_times_that_do_not_wrap_and_no_age_before_the_first_pose() {
+        let output = Output { age_us: 1 << 40, capture_us: 1 << 41, ..test_output(State::Live) };
+        let line = |output: &Output| String::from_utf8(encoded(&kind("json", ""), output)).unwrap();
+        assert!(line(&output).contains("\"age_ms\":1099511627.776,\"capture_us\":2199023255552,"));
+        assert!(line(&Output { age_us: u64::MAX, ..output.clone() }).contains("\"age_ms\":null,"));
+        // 3 * 2^40 us, in frames of 60 a second, as a number of 31 bits.
+        let frame = (3_u64 << 40) * 60 / 1_000_000;
+        let datagram = encoded(&kind("live-link", "subject = \"face\"\n"), &output);
+        assert_eq!(datagram[49..53], u32::try_from(frame).unwrap().to_be_bytes());
+    }
+
+    #[test]
+    fn groups_or_else_a_list_choose_the_parameters_of_vrchat_and_their_form() {
+        for (keys, want) in [
+            ("", [(true, 0); 3]),
+            ("bits = 3\nfloats = false\nshapes = false\n", [(false, 0), (false, 3), (false, 3)]),
+            ("bits = 2\ncompounds = false\nhead = false\n", [(true, 2), (false, 0), (false, 0)]),
+            ("bits = 3\nshapes = false\nparameters = \"JawOpen:2, Head/Yaw\"\n", [(false, 2), (false, 0), (true, 0)]),
+        ] {
+            let LinkKind::Vrchat(it) = kind("vrchat", keys) else { unreachable!() };
+            let parameters = facewire_packet::formats::vrchat::PARAMETERS.iter();
+            let form = |name| form_of(parameters.clone().find(|parameter| parameter.name == name).unwrap(), &it);
+            let forms = ["JawOpen", "SmileFrown", "Head/Yaw"].map(form);
+            assert_eq!(forms, want.map(|(number, bits)| Form { number, bits }), "{keys}");
+        }
+    }
+}

@@ -9,7 +9,7 @@ use http_body_util::{BodyExt as _, Full, Limited, channel::Channel};
 use hyper::{
     HeaderMap, Method, Request, Response, StatusCode,
     body::{Bytes, Incoming},
-    header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue, SET_COOKIE},
+    header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, HeaderValue, SET_COOKIE},
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value, json};
@@ -368,9 +368,10 @@ impl Call<'_> {
     async fn download(&self, name: &str) -> Answer {
         let path = self.console.recordings.path(name)?;
         let file = std::fs::File::open(path)?;
+        let length = file.metadata()?.len();
         let (mut sender, body) = Channel::new(1);
         tokio::spawn(async move {
-            let mut reader = tokio::fs::File::from_std(file);
+            let mut reader = tokio::fs::File::from_std(file).take(length);
             let mut bytes = vec![0; DOWNLOAD_BYTES];
             while let Ok(count @ 1..) = reader.read(&mut bytes).await {
                 let part = bytes.get(..count).unwrap_or_default();
@@ -382,6 +383,7 @@ impl Call<'_> {
         let mut response = Response::new(body.boxed());
         let headers = response.headers_mut();
         headers.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+        headers.insert(CONTENT_LENGTH, length.into());
         let disposition = HeaderValue::try_from(format!("attachment; filename=\"{name}\""));
         headers.insert(CONTENT_DISPOSITION, disposition.map_err(|error| Refusal::failed(&error))?);
         Ok(response)

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses some of them")]
 
 pub mod browser;
+pub mod service;
 #[path = "../../../tests/common/skip.rs"]
 mod skip;
 
@@ -45,13 +46,18 @@ impl Viewer {
     }
 
     pub fn with(arguments: &[&str]) -> Self {
-        let mut child = command(arguments).stdout(Stdio::piped()).spawn().unwrap();
+        Self::spawn(&mut command(arguments))
+    }
+
+    pub fn spawn(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut output = BufReader::new(child.stdout.take().unwrap());
         let mut urls = Vec::new();
         let place = loop {
             let mut line = String::new();
             assert!(output.read_line(&mut line).unwrap() > 0, "it ended: {urls:?}");
-            if let Some(place) = line.strip_prefix("Waiting for packets at ") {
+            let place = line.strip_prefix("Waiting for packets at ").or(line.strip_prefix("Operating the service of "));
+            if let Some(place) = place {
                 break place.split_once(". Ctrl-C").unwrap().0.to_owned();
             }
             urls.push(line.strip_prefix("Open ").unwrap().strip_suffix(" in a browser.\n").unwrap().to_owned());

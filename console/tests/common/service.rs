@@ -1,0 +1,248 @@
+//! A service that speaks the contract of the control socket, and a console for it.
+
+use std::{
+    collections::HashMap,
+    fs,
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    net::{IpAddr, SocketAddr, TcpStream},
+    os::unix::{
+        fs::PermissionsExt as _,
+        net::{UnixListener, UnixStream},
+    },
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+    thread,
+    time::{Duration, Instant},
+};
+
+use base64::{Engine as _, prelude::BASE64_STANDARD};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use super::{PATIENCE, Viewer, command, packet};
+
+/// What a program named `facewire` does here: it finds a fault in settings with the word `bad`.
+const PROGRAM: &str = r#"#!/bin/sh
+case "$1 $2" in
+"check --settings-only")
+    case $(cat "$4") in
+    *bad*) echo 'facewire: /dev/stdin:2: camera.fps = "bad": give a whole number from 1 to 240 (1/s)' >&2; exit 78 ;;
+    esac
+    echo 'settings  ok' ;;
+"check --config") printf 'settings  ok\ncamera    POOR: too dark\n'; echo 'facewire: no network' >&2; exit 69 ;;
+"defaults --schema") echo '{"type":"object"}' ;;
+"devices --json") echo '{"cameras":[]}' ;;
+"record "*)
+    trap 'exit 0' INT
+    printf 'frames' >"$2"
+    while :; do sleep 0.02; done ;;
+"track "*)
+    echo 'frame,time_s,state,jawOpen,head_yaw_deg'
+    for row in 0 1 2 3 4; do echo "$row,$row,live,0.$row,1"; done ;;
+"--version ") echo 'facewire 0.1.0' ;;
+esac
+"#;
+
+/// What the service was asked, and when it got lines of drives.
+#[derive(Debug, Default)]
+pub struct Seen {
+    pub requests: Vec<Value>,
+    pub lines: Vec<(Instant, Value)>,
+    /// When each drive has ended.
+    pub ended: Vec<Instant>,
+}
+
+/// A service in this process.
+pub struct Service {
+    pub socket: PathBuf,
+    pub seen: Arc<Mutex<Seen>>,
+}
+
+impl Service {
+    pub fn start(folder: &Path) -> Self {
+        let socket = folder.join("control");
+        let _ = fs::remove_file(&socket);
+        let listener = UnixListener::bind(&socket).unwrap();
+        let seen = Arc::<Mutex<Seen>>::default();
+        let shared = Arc::clone(&seen);
+        thread::spawn(move || {
+            for stream in listener.incoming() {
+                let shared = Arc::clone(&shared);
+                thread::spawn(move || serve(stream.unwrap(), &shared));
+            }
+        });
+        Self { socket, seen }
+    }
+
+    /// The requests that change something.
+    pub fn changes(&self) -> Vec<Value> {
+        let seen = self.seen.lock().unwrap();
+        let reads = ["status", "watch", "list", "picture"];
+        seen.requests.iter().filter(|request| !reads.iter().any(|read| request["do"] == *read)).cloned().collect()
+    }
+
+    /// Waits until something was seen.
+    pub fn until(&self, fits: impl Fn(&Seen) -> bool) {
+        let begun = Instant::now();
+        while !fits(&self.seen.lock().unwrap()) {
+            assert!(begun.elapsed() < PATIENCE, "{:?}", self.seen.lock().unwrap());
+            thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+/// A status with the metrics that pages show.
+fn status() -> Value {
+    let metrics = "# TYPE facewire_frames counter\nfacewire_frames_total{result=\"faces\"} 100\n\
+                   facewire_stage_seconds_bucket{le=\"0.01\",stage=\"mesh\"} 50\n\
+                   facewire_stage_seconds_bucket{le=\"+Inf\",stage=\"mesh\"} 100\n# EOF\n";
+    json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": false, "driven": false, "links": []}})
+}
+
+fn serve(mut stream: UnixStream, seen: &Mutex<Seen>) -> Option<()> {
+    let mut lines = BufReader::new(stream.try_clone().ok()?).lines();
+    let request: Value = serde_json::from_str(&lines.next()?.ok()?).unwrap();
+    seen.lock().unwrap().requests.push(request.clone());
+    let mut say = |value: Value| writeln!(stream, "{value}").ok();
+    match request["do"].as_str()? {
+        "status" => say(status()),
+        "watch" => loop {
+            let bytes = BASE64_STANDARD.encode(packet(&[("jawOpen", 0.5)]).encode());
+            say(json!({"packet": bytes}))?;
+            thread::sleep(Duration::from_millis(16));
+        },
+        "list" => say(json!({"wearers": {"wearers": [{"wearer": "anna"}], "in_use": "anna", "folder": "/x"}})),
+        "delete" => say(json!({"refused": "there is no profile of this wearer"})),
+        "calibrate" => {
+            say(json!({"progress": {"step": 1}}))?;
+            say(json!({"calibrated": {"takes": 8}}))
+        }
+        "picture" => {
+            say(
+                json!({"picture": {"format": "yuyv", "width": 1280, "height": 16, "bytes": 1280 * 16 * 2, "landmarks": null}}),
+            )?;
+            stream.write_all(&[128; 1280 * 16 * 2]).ok()
+        }
+        "drive" => {
+            say(json!({"driving": true}))?;
+            for line in lines.map_while(Result::ok) {
+                let line = serde_json::from_str(&line).unwrap();
+                seen.lock().unwrap().lines.push((Instant::now(), line));
+            }
+            seen.lock().unwrap().ended.push(Instant::now());
+            None
+        }
+        _ => say(json!({"done": "it is done"})),
+    }
+}
+
+/// A console, its service, and its folder with the settings.
+pub struct Console {
+    pub viewer: Viewer,
+    pub service: Arc<Service>,
+    pub folder: Arc<TempDir>,
+}
+
+/// The answer to a request.
+#[derive(Debug)]
+pub struct Answer {
+    pub status: u16,
+    pub headers: HashMap<String, String>,
+    pub body: Vec<u8>,
+}
+
+impl Answer {
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|_| panic!("{}", self.text()))
+    }
+
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.body).into_owned()
+    }
+
+    /// The cookie that it sets, as a header of the next request.
+    pub fn cookie(&self) -> String {
+        format!("Cookie: {}\r\n", self.headers["set-cookie"].split(';').next().unwrap())
+    }
+}
+
+impl Console {
+    /// Starts a console with these settings.
+    pub fn start(settings: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let service = Service::start(folder.path());
+        fs::write(folder.path().join("facewire.toml"), settings).unwrap();
+        let program = folder.path().join("facewire");
+        fs::write(&program, PROGRAM).unwrap();
+        fs::set_permissions(program, fs::Permissions::from_mode(0o755)).unwrap();
+        let viewer = Self::spawn(folder.path());
+        Self { viewer, service: Arc::new(service), folder: Arc::new(folder) }
+    }
+
+    /// Starts one more program for the same service and settings.
+    pub fn again(&self) -> Self {
+        let viewer = Self::spawn(self.folder.path());
+        Self { viewer, service: Arc::clone(&self.service), folder: Arc::clone(&self.folder) }
+    }
+
+    fn spawn(folder: &Path) -> Viewer {
+        let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+        let (config, control, state) = (path("facewire.toml"), path("control"), path("state"));
+        let arguments = ["--listen", "0.0.0.0:0", "--config", &config, "--control", &control, "--state", &state];
+        Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", path("facewire")))
+    }
+
+    pub fn settings(&self) -> String {
+        fs::read_to_string(self.folder.path().join("facewire.toml")).unwrap()
+    }
+
+    pub fn port(&self) -> u16 {
+        self.viewer.host().rsplit_once(':').unwrap().1.parse().unwrap()
+    }
+
+    pub fn get(&self, path: &str) -> Answer {
+        self.ask([127, 0, 0, 1].into(), &format!("GET /api/1/{path}"), "", "").unwrap()
+    }
+
+    pub fn post(&self, path: &str, body: &Value) -> Answer {
+        self.post_with(path, "Content-Type: application/json\r\n", body)
+    }
+
+    pub fn post_with(&self, path: &str, headers: &str, body: &Value) -> Answer {
+        self.ask([127, 0, 0, 1].into(), &format!("POST /api/1/{path}"), headers, &body.to_string()).unwrap()
+    }
+
+    /// Sends a request to this address of this machine, from which it then comes, and returns the answer if there is one.
+    pub fn ask(&self, address: IpAddr, request: &str, headers: &str, body: &str) -> Option<Answer> {
+        let address = SocketAddr::new(address, self.port());
+        let length = body.len();
+        let bytes = format!(
+            "{request} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
+        );
+        send(address, bytes.as_bytes(), PATIENCE)
+    }
+}
+
+/// Sends these bytes and returns the answer if there is one.
+pub fn send(address: SocketAddr, bytes: &[u8], patience: Duration) -> Option<Answer> {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(patience)).unwrap();
+    // The program may refuse before it has read everything.
+    let _ = stream.write_all(bytes);
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    let end = answer.windows(4).position(|part| part == b"\r\n\r\n")?;
+    let head = String::from_utf8(answer[..end].to_vec()).unwrap();
+    let mut lines = head.lines();
+    let status = lines.next()?.split(' ').nth(1)?.parse().unwrap();
+    let headers =
+        lines.filter_map(|line| line.split_once(": ")).map(|(name, value)| (name.to_lowercase(), value.to_owned()));
+    Some(Answer { status, headers: headers.collect(), body: answer.split_off(end + 4) })
+}
+
+/// An address of this machine that is not loopback, so that requests to it come from elsewhere.
+pub fn elsewhere() -> Option<IpAddr> {
+    let interfaces = nix::ifaddrs::getifaddrs().unwrap();
+    let addresses = interfaces.filter_map(|interface| Some(IpAddr::V4(interface.address?.as_sockaddr_in()?.ip())));
+    addresses.into_iter().find(|address| !address.is_loopback())
+}

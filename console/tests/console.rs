@@ -1,0 +1,520 @@
+//! The console of a service over HTTP, with a service that speaks the contract of the control socket.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::{
+    fs,
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    net::{IpAddr, SocketAddr, TcpStream},
+    os::unix::fs::PermissionsExt as _,
+    process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use common::{
+    PATIENCE, memory_kb,
+    service::{Answer, Console, elsewhere, send},
+    skip,
+};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::{Value, json};
+
+const SETTINGS: &str = "# The head in the hall.\n[camera]\nfps = 30 # enough\n\n[[link]]\nkind = \"udp\"\n";
+const JSON: &str = "Content-Type: application/json\r\n";
+
+/// A console, and an address from which requests come from elsewhere; or `None` with a note if this machine has none.
+fn from_elsewhere() -> Option<(Console, IpAddr)> {
+    let address = elsewhere();
+    if address.is_none() {
+        skip("this machine has no address but loopback");
+    }
+    Some((Console::start(SETTINGS), address?))
+}
+
+fn hash_of(console: &Console) -> Value {
+    console.get("settings").json()["hash"].clone()
+}
+
+#[test]
+fn the_status_shows_the_service_with_its_metrics_as_numbers() {
+    let console = Console::start(SETTINGS);
+    let status = console.get("status").json();
+    assert_eq!(
+        (&status["running"], &status["trouble"], &status["refused"]),
+        (&true.into(), &Value::Null, &Value::Null)
+    );
+    assert_eq!(status["service"]["metrics"]["facewire_frames_total{result=\"faces\"}"], 100.0);
+    assert!(status["free_bytes"].as_u64() > Some(0) && status["board"]["load"].is_number(), "{status}");
+    assert_eq!(console.get("wearers").json()["in_use"], "anna");
+    assert_eq!(console.get("devices").json(), json!({"cameras": []}));
+    assert_eq!(console.get("nothing").status, 404);
+}
+
+#[test]
+fn without_the_service_the_console_says_so_and_mends_the_settings() {
+    let console = Console::start("[camera]\nfps = \"bad\"\n");
+    fs::remove_file(&console.service.socket).unwrap();
+    let status = console.get("status").json();
+    assert_eq!(status["running"], false);
+    assert!(status["trouble"].as_str().unwrap().contains("the service does not run: start it"), "{status}");
+    assert!(status["refused"].as_str().unwrap().starts_with("line 2: camera.fps = "), "{status}");
+    let fault = &console.get("settings").json()["faults"][0];
+    assert_eq!((&fault["line"], &fault["key"]), (&2.into(), &"camera.fps".into()));
+    let kept = console.post("settings/keep", &json!({"text": "[camera]\nfps = 30\n", "base": hash_of(&console)}));
+    assert!(kept.json()["done"].as_str().unwrap().contains("for the next start"), "{kept:?}");
+    assert_eq!(console.get("status").json()["refused"], Value::Null);
+    assert!(console.post("wearers/use", &json!({"name": "anna"})).text().contains("does not run"));
+}
+
+#[test]
+fn the_stream_has_the_face_and_the_status_and_the_service_is_watched_only_while_it_is_open() {
+    let console = Console::start(SETTINGS);
+    console.get("status");
+    assert!(console.service.seen.lock().unwrap().requests.iter().all(|request| request["do"] != "watch"));
+    let mut events = console.viewer.events();
+    assert_eq!(events.next()["hint"], Value::Null);
+    let face = events.until(|event| event["packet"].is_object());
+    assert_eq!(face["packet"]["from"], "the service");
+    assert!((face["packet"]["coefficients"][17].as_f64().unwrap() - 0.5).abs() < 1e-3, "{face}");
+    let status = events.until(|event| event["running"] == true);
+    assert_eq!(status["operator"], Value::Null);
+    // The calibration comes to all pages.
+    console.post("calibration/begin", &json!({"wearer": "anna"}));
+    events.until(|event| event["calibrated"].is_object());
+}
+
+#[test]
+fn an_edit_keeps_comments_and_what_is_kept_is_whole_checked_versioned_and_restored() {
+    let console = Console::start(SETTINGS);
+    let settings = console.get("settings").json();
+    assert_eq!((&settings["text"], &settings["values"]["camera"]["fps"]), (&SETTINGS.into(), &30.into()));
+    assert_eq!(settings["schema"]["type"], "object");
+    let edited = console.post("settings/edit", &json!({"text": SETTINGS, "changes": {"camera.fps": 60}})).json();
+    let text = SETTINGS.replace("30", "60");
+    assert_eq!(edited["text"], text);
+    let checked = console.post("settings/check", &json!({"text": text})).json();
+    assert_eq!((&checked["faults"], &checked["changed"]), (&json!([]), &json!(["camera.fps"])));
+    let kept = console.post("settings/keep", &json!({"text": text, "base": settings["hash"]}));
+    assert_eq!((kept.status, &kept.json()["done"]), (200, &"it is done".into()));
+    assert_eq!(console.settings(), text);
+    assert_eq!(console.service.changes(), [json!({"do": "reload"})]);
+    // Somebody who has not seen this change does not undo it.
+    let late = console.post("settings/keep", &json!({"text": SETTINGS, "base": settings["hash"]}));
+    assert!(late.status == 409 && late.text().contains("Somebody else has changed"), "{late:?}");
+    let bad = console.post("settings/keep", &json!({"text": text.replace("60", "\"bad\""), "base": hash_of(&console)}));
+    assert!(bad.status == 422 && bad.json()["faults"][0]["line"] == 2, "{bad:?}");
+    assert_eq!(console.settings(), text);
+    let version = console.get("settings").json()["versions"][0].clone();
+    assert_eq!(version["summary"], "camera.fps");
+    let id = version["id"].as_str().unwrap();
+    assert_eq!(console.get(&format!("settings?version={id}")).json()["text"], SETTINGS);
+    assert_eq!(console.post("settings/restore", &json!({"id": id})).json()["text"], SETTINGS);
+    assert_eq!(console.settings(), SETTINGS);
+}
+
+#[test]
+fn five_hundred_random_edits_leave_a_file_that_loads_and_keep_its_comments() {
+    let console = Console::start(SETTINGS);
+    let mut random = fastrand::Rng::with_seed(24);
+    let keys = [
+        "camera.fps",
+        "camera.device",
+        "link.0.rate_hz",
+        "link.1.kind",
+        "adjust.mirror",
+        "link.0",
+        "wearer.name",
+        "a.b.c",
+    ];
+    let (mut kept, mut refused) = (0, 0);
+    for _ in 0..500 {
+        let key = keys[random.usize(0..keys.len())];
+        let value =
+            [json!(7), json!("bad"), json!("x"), json!(null), json!(true), json!({"a": 1})][random.usize(0..6)].clone();
+        let before = console.settings();
+        let edited = console.post("settings/edit", &json!({"text": before, "changes": {key: value}}));
+        if edited.status != 200 {
+            assert!(edited.status == 400 && edited.text().starts_with(key), "{edited:?}");
+            continue;
+        }
+        let text = edited.json()["text"].clone();
+        let outcome = console.post("settings/keep", &json!({"text": text, "base": hash_of(&console)}));
+        let now = console.settings();
+        if outcome.status == 200 {
+            kept += 1;
+            assert_eq!(now, text);
+        } else {
+            refused += 1;
+            assert!(outcome.json()["error"].as_str().unwrap().contains("give a whole number"), "{outcome:?}");
+            assert_eq!(now, before);
+        }
+        assert!(now.starts_with("# The head in the hall.\n") && !now.contains("bad"), "{now}");
+    }
+    assert!(kept > 100 && refused > 20, "{kept} kept, {refused} refused");
+    assert_eq!(console.get("settings").json()["versions"].as_array().unwrap().len(), 10);
+}
+
+#[test]
+fn a_kill_at_any_step_of_keeping_leaves_the_old_settings_or_the_new_ones() {
+    if Command::new("strace").arg("-V").stdout(Stdio::null()).status().is_err() {
+        skip("there is no strace; scripts/setup tests installs it");
+        return;
+    }
+    let folder = Console::start(SETTINGS);
+    let text = SETTINGS.replace("30", "60");
+    let (mut kills, mut kept) = (0, 0);
+    for call in ["openat", "write", "fsync", "fchmod", "rename", "unlink"] {
+        for count in 1.. {
+            fs::write(folder.folder.path().join("facewire.toml"), SETTINGS).unwrap();
+            let console = folder.again();
+            let body = json!({"text": text, "base": hash_of(&console)});
+            let Some(mut tracer) = kill_at(console.viewer.pid(), call, count) else { return };
+            let request = "POST /api/1/settings/keep";
+            let answer = console.ask([127, 0, 0, 1].into(), request, JSON, &body.to_string());
+            let now = folder.settings();
+            assert!(now == SETTINGS || now == text, "{call} {count}: {now:?}");
+            drop(console);
+            tracer.wait().unwrap();
+            if let Some(answer) = answer {
+                assert_eq!(answer.status, 200);
+                break;
+            }
+            (kills, kept) = (kills + 1, kept + u32::from(now == text));
+            // What a killed program leaves does not keep the next one from its work.
+            let console = folder.again();
+            let body = json!({"text": text, "base": hash_of(&console)});
+            assert_eq!(console.post("settings/keep", &body).status, 200, "{call} {count}");
+        }
+    }
+    assert!(kills > 12 && kept > 1 && kept < kills, "{kills} kills, after {kept} of which the new settings were there");
+}
+
+/// Kills a process when it makes this system call for this time from now on, or returns `None` with a note.
+fn kill_at(pid: u32, call: &str, count: usize) -> Option<Child> {
+    let inject = format!("inject={call}:signal=KILL:when={count}");
+    let mut tracer = Command::new("strace");
+    tracer.args(["-o", "/dev/null", "-e", &format!("trace={call}"), "-e", &inject, "-p", &pid.to_string()]);
+    let mut tracer = tracer.stderr(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(tracer.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    if line.contains("attached") {
+        return Some(tracer);
+    }
+    tracer.wait().unwrap();
+    skip(&format!("strace may not attach to a process: {line}"));
+    None
+}
+
+#[test]
+fn from_elsewhere_the_first_password_opens_and_wrong_ones_have_to_wait() {
+    let Some((console, address)) = from_elsewhere() else { return };
+    let ask =
+        |request: &str, headers: &str, body: Value| console.ask(address, request, headers, &body.to_string()).unwrap();
+    let session = ask("GET /api/1/session", "", json!({})).json();
+    assert_eq!(session, json!({"role": null, "needs_password": true, "secure": false}));
+    for path in ["status", "settings", "events", "report", "picture", "recordings/x"] {
+        assert_eq!(ask(&format!("GET /api/1/{path}"), "", json!({})).status, 401, "{path}");
+    }
+    let short = ask("POST /api/1/password", JSON, json!({"new": "short"}));
+    assert!(short.status == 400 && short.text().contains("8 to 128"), "{short:?}");
+    let first = ask("POST /api/1/password", JSON, json!({"new": "a good password"}));
+    assert!(first.status == 200 && first.headers["set-cookie"].contains("HttpOnly; SameSite=Strict"), "{first:?}");
+    assert_eq!(ask("GET /api/1/session", &first.cookie(), json!({})).json()["role"], "operate");
+    // From now on it takes the password to set another one.
+    assert_eq!(ask("POST /api/1/password", JSON, json!({"new": "another password"})).status, 401);
+    let kept = fs::read_to_string(console.folder.path().join("state/access.json")).unwrap();
+    assert!(kept.contains("$argon2id$") && !kept.contains("good"), "{kept}");
+    let mode = fs::metadata(console.folder.path().join("state/access.json")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+    let log_in = |password: &str| ask("POST /api/1/login", JSON, json!({"password": password}));
+    let session = log_in("a good password");
+    let cookie = session.cookie();
+    assert_eq!(ask("GET /api/1/status", &cookie, json!({})).status, 200);
+    let out = ask("POST /api/1/logout", &format!("{JSON}{cookie}"), json!({}));
+    assert!(out.headers["set-cookie"].contains("Max-Age=0"), "{out:?}");
+    assert_eq!(ask("GET /api/1/status", &cookie, json!({})).status, 401);
+    for _ in 0..5 {
+        assert_eq!(log_in("a wrong password").status, 403);
+    }
+    // Even the right one has to wait now, and loopback has not.
+    let late = log_in("a good password");
+    assert!(late.status == 429 && late.text().contains("Try again in"), "{late:?}");
+    assert_eq!(console.get("status").status, 200);
+    // A session that began before goes on.
+    assert_eq!(ask("GET /api/1/status", &first.cookie(), json!({})).status, 200);
+}
+
+#[test]
+fn a_stolen_look_token_sees_and_changes_nothing() {
+    let Some((console, address)) = from_elsewhere() else { return };
+    let token = console.post("tokens/look", &json!({})).json()["token"].clone();
+    let ask =
+        |request: &str, headers: &str, body: Value| console.ask(address, request, headers, &body.to_string()).unwrap();
+    let cookie = ask("POST /api/1/login", JSON, json!({"token": token})).cookie();
+    assert_eq!(ask("GET /api/1/status", &cookie, json!({})).status, 200);
+    for (path, body) in posts() {
+        let answer = ask(&format!("POST /api/1/{path}"), &format!("{JSON}{cookie}"), body);
+        assert!(answer.status == 403 && answer.text().contains("may look"), "{path}: {answer:?}");
+    }
+    assert_eq!((console.service.changes(), console.settings().as_str()), (Vec::new(), SETTINGS));
+    // A new token ends what the stolen one has begun.
+    console.post("tokens/look", &json!({}));
+    assert_eq!(ask("GET /api/1/status", &cookie, json!({})).status, 401);
+    assert_eq!(ask("POST /api/1/login", JSON, json!({"token": token})).status, 403);
+}
+
+/// All requests that change something.
+fn posts() -> Vec<(&'static str, Value)> {
+    vec![
+        ("settings/keep", json!({"text": "[camera]\nfps = 5\n", "base": "0"})),
+        ("settings/restore", json!({"id": "1"})),
+        ("settings/edit", json!({"text": "", "changes": {"camera.fps": 5}})),
+        ("settings/check", json!({"text": ""})),
+        ("wearers/use", json!({"name": "anna"})),
+        ("wearers/delete", json!({"name": "anna"})),
+        ("calibration/begin", json!({"wearer": "anna"})),
+        ("calibration/cancel", json!({})),
+        ("servos/release", json!({"on": true})),
+        ("servos/arm", json!({})),
+        ("servos/drive", json!({"drive": "0", "link": 0, "channel": 1, "position": 1.0})),
+        ("servos/disarm", json!({"drive": "0"})),
+        ("recordings/begin", json!({})),
+        ("recordings/end", json!({})),
+        ("recordings/delete", json!({"name": "a.fwrec"})),
+        ("recordings/play", json!({"name": "a.fwrec"})),
+        ("tokens/look", json!({})),
+        ("check", json!({})),
+        ("service", json!({"do": "stop"})),
+    ]
+}
+
+#[test]
+fn posts_of_other_pages_and_hosts_change_nothing() {
+    let console = Console::start(SETTINGS);
+    let host = format!("127.0.0.1:{}", console.port());
+    for (path, body) in posts() {
+        for (headers, want) in [
+            (format!("{JSON}Origin: http://evil.example\r\n"), 403),
+            (format!("{JSON}Origin: null\r\n"), 403),
+            (format!("{JSON}Origin: https://{host}\r\n"), 403),
+            (format!("{JSON}Sec-Fetch-Site: cross-site\r\n"), 403),
+            (format!("{JSON}Sec-Fetch-Site: same-site\r\n"), 403),
+            // Forms, which need not ask first, send these.
+            ("Content-Type: text/plain\r\n".to_owned(), 415),
+            ("Content-Type: application/x-www-form-urlencoded\r\n".to_owned(), 415),
+            (String::new(), 415),
+        ] {
+            let answer = console.post_with(path, &headers, &body);
+            assert_eq!(answer.status, want, "{path} {headers}: {answer:?}");
+        }
+        // A name that somebody has pointed to this machine.
+        let bytes = format!(
+            "POST /api/1/{path} HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n{JSON}Content-Length: 2\r\n\r\n{{}}"
+        );
+        let rebound = send(SocketAddr::from(([127, 0, 0, 1], console.port())), bytes.as_bytes(), PATIENCE).unwrap();
+        assert_eq!(rebound.status, 421, "{path}");
+        // Nor does a link.
+        assert_eq!(console.get(path).status, 404, "{path}");
+    }
+    assert_eq!((console.service.changes(), console.settings().as_str()), (Vec::new(), SETTINGS));
+}
+
+#[test]
+fn ten_thousand_mutated_requests_from_elsewhere_change_nothing() {
+    let Some((console, address)) = from_elsewhere() else { return };
+    console.post("password", &json!({"new": "a good password"}));
+    let address = SocketAddr::new(address, console.port());
+    // Most of them are answered at once. Some make the program wait for the rest of a request.
+    let attack = |seed: u64| {
+        let (mut random, posts) = (fastrand::Rng::with_seed(seed), posts());
+        for _ in 0..1250 {
+            let (path, body) = &posts[random.usize(0..posts.len())];
+            let cookie = format!("Cookie: facewire-console={:032x}\r\n", random.u128(..));
+            let body = body.to_string();
+            let head = format!("POST /api/1/{path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{JSON}{cookie}");
+            let mut bytes = format!("{head}Content-Length: {}\r\n\r\n{body}", body.len()).into_bytes();
+            for _ in 0..random.usize(0..8) {
+                let at = random.usize(0..bytes.len());
+                match random.u8(0..4) {
+                    0 => bytes[at] = random.u8(..),
+                    1 => bytes[at] ^= 1 << random.u8(0..8),
+                    2 => bytes.truncate(at.max(1)),
+                    _ => bytes.insert(at, random.u8(..)),
+                }
+            }
+            let answer = send(address, &bytes, Duration::from_millis(100));
+            let sent = String::from_utf8_lossy(&bytes);
+            assert!(answer.as_ref().is_none_or(|answer| answer.status >= 400), "{sent} {answer:?}");
+        }
+    };
+    thread::scope(|scope| (0..8).for_each(|seed| drop(scope.spawn(move || attack(seed)))));
+    assert_eq!((console.service.changes(), console.settings().as_str()), (Vec::new(), SETTINGS));
+    assert!(memory_kb(console.viewer.pid(), "VmHWM") < 24_000);
+    assert_eq!(console.get("session").json()["needs_password"], false);
+}
+
+#[test]
+fn two_hundred_slow_clients_do_not_keep_an_operator_out_for_long() {
+    let console = Console::start(SETTINGS);
+    let address = SocketAddr::from(([127, 0, 0, 1], console.port()));
+    let head =
+        format!("POST /api/1/settings/check HTTP/1.1\r\nHost: {address}\r\n{JSON}Content-Length: 100000\r\n\r\n");
+    let slow: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let mut stream = TcpStream::connect(address).unwrap();
+            let _ = stream.write_all(head.as_bytes());
+            stream
+        })
+        .collect();
+    // They are disconnected, although they stay.
+    let begun = Instant::now();
+    let path = || {
+        TcpStream::connect(address).and_then(|mut stream| {
+            write!(stream, "GET /api/1/session HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")?;
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer)?;
+            Ok(answer)
+        })
+    };
+    while !path().is_ok_and(|answer| answer.starts_with("HTTP/1.1 200")) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "the slow clients keep their places");
+        thread::sleep(Duration::from_millis(50));
+    }
+    assert!(memory_kb(console.viewer.pid(), "VmHWM") < 24_000);
+    drop(slow);
+}
+
+/// Arms the servos and returns the session.
+fn arm(console: &Console) -> Value {
+    let answer = console.post("servos/arm", &json!({}));
+    assert_eq!(answer.status, 200, "{answer:?}");
+    answer.json()["drive"].clone()
+}
+
+fn jog(console: &Console, drive: &Value) -> Answer {
+    console.post("servos/drive", &json!({"drive": drive, "link": 0, "channel": 3, "position": 0.4}))
+}
+
+#[test]
+fn one_operator_moves_servos_and_the_second_sees_who() {
+    let Some((console, address)) = from_elsewhere() else { return };
+    let cookie = console.post("password", &json!({"new": "a good password"})).cookie();
+    let drive = arm(&console);
+    assert_eq!(jog(&console, &drive).status, 200);
+    console.service.until(|seen| {
+        seen.lines.iter().any(|(_, line)| *line == json!({"link": 0, "channel": 3, "position": 0.4_f32}))
+    });
+    let second = console.ask(address, "POST /api/1/servos/arm", &format!("{JSON}{cookie}"), "{}").unwrap();
+    assert!(second.status == 409 && second.text().contains("127.0.0.1 moves the servos"), "{second:?}");
+    assert_eq!(console.get("status").json()["operator"], json!({"name": "127.0.0.1", "me": true}));
+    let seen = console.ask(address, "GET /api/1/status", &cookie, "").unwrap().json();
+    assert_eq!(seen["operator"], json!({"name": "127.0.0.1", "me": false}));
+    // The name of a session that is not there moves nothing, and neither does what is no movement.
+    assert_eq!(jog(&console, &json!("0")).status, 409);
+    for line in [json!({"drive": drive, "do": "release", "on": false}), json!({"drive": drive, "position": "1"})] {
+        assert_eq!(console.post("servos/drive", &line).status, 400, "{line}");
+    }
+    // Anybody who operates may let go of all servos.
+    let stop = console.ask(address, "POST /api/1/servos/release", &format!("{JSON}{cookie}"), "{\"on\":true}").unwrap();
+    assert_eq!(stop.status, 200);
+    console.post("servos/disarm", &json!({"drive": drive}));
+    console.service.until(|seen| seen.ended.len() == 1);
+    assert_eq!(jog(&console, &drive).status, 409);
+    arm(&console);
+}
+
+#[test]
+fn a_page_that_is_silent_and_a_console_that_is_killed_end_a_drive_within_half_a_second() {
+    let console = Console::start(SETTINGS);
+    let drive = arm(&console);
+    // While lines come, it goes on for longer than the watchdog waits.
+    for _ in 0..8 {
+        assert_eq!(jog(&console, &drive).status, 200);
+        thread::sleep(Duration::from_millis(100));
+    }
+    console.service.until(|seen| seen.ended.len() == 1);
+    let silence = |console: &Console| {
+        let seen = console.service.seen.lock().unwrap();
+        seen.ended.last().unwrap().duration_since(seen.lines.last().unwrap().0)
+    };
+    assert!((300..500).contains(&silence(&console).as_millis()), "{:?}", silence(&console));
+    let drive = arm(&console);
+    jog(&console, &drive);
+    console.service.until(|seen| seen.lines.len() == 9);
+    kill_process(Pid::from_raw(console.viewer.pid().try_into().unwrap()).unwrap(), Signal::KILL).unwrap();
+    console.service.until(|seen| seen.ended.len() == 2);
+    assert!(silence(&console).as_millis() < 500, "{:?}", silence(&console));
+}
+
+#[test]
+fn a_raw_picture_comes_as_a_small_jpeg_image_after_its_description() {
+    let console = Console::start(SETTINGS);
+    let answer = console.get("picture");
+    let end = answer.body.iter().position(|byte| *byte == b'\n').unwrap();
+    let head: Value = serde_json::from_slice(&answer.body[..end]).unwrap();
+    let image = &answer.body[end + 1..];
+    assert_eq!((&head["format"], &head["bytes"]), (&"jpeg".into(), &image.len().into()));
+    assert!(image.starts_with(&[0xff, 0xd8]) && image.ends_with(&[0xff, 0xd9]));
+}
+
+#[test]
+fn a_recording_is_made_listed_loaded_played_and_deleted() {
+    let console = Console::start(SETTINGS);
+    let name = console.post("recordings/begin", &json!({})).json()["name"].clone();
+    let name = name.as_str().unwrap();
+    assert_eq!(console.post("recordings/begin", &json!({})).status, 409);
+    assert_eq!(console.get("status").json()["recording"]["recording"]["name"], name);
+    let listed = || console.get("recordings").json()["list"].clone();
+    while listed()[0]["bytes"] != 6 {}
+    assert_eq!(console.post("recordings/delete", &json!({"name": name})).status, 409);
+    console.post("recordings/end", &json!({}));
+    while !console.get("status").json()["recording"]["recording"].is_null() {}
+    let file = console.get(&format!("recordings/{name}"));
+    assert_eq!(file.text(), "frames");
+    assert!(file.headers["content-disposition"].contains(name));
+    for outside in
+        ["recordings/../access.json", "recordings/%2e%2e/access.json", "recordings//etc/passwd", "recordings/"]
+    {
+        assert_eq!(console.get(outside).status, 404, "{outside}");
+    }
+    // A second lies between two rows, in which the drive goes on.
+    assert_eq!(console.post("recordings/play", &json!({"name": name})).status, 200);
+    assert_eq!(console.get("status").json()["operator"]["name"], "127.0.0.1");
+    console.service.until(|seen| seen.lines.iter().any(|(_, line)| line["coefficients"].is_null()));
+    console.post("recordings/end", &json!({}));
+    console.service.until(|seen| seen.ended.len() == 1);
+    while !console.get("status").json()["recording"]["playing"].is_null() {}
+    assert_eq!(console.post("recordings/delete", &json!({"name": name})).status, 200);
+    assert_eq!(listed(), json!([]));
+}
+
+#[test]
+fn check_and_report_say_what_is_wrong_without_names_and_addresses() {
+    let settings = "[wearer]\nname = \"anna\"\n[[link]]\nkind = \"udp\"\naddress = \"10.1.2.3:5\"\n";
+    let console = Console::start(settings);
+    let lines = console.post("check", &json!({})).json()["lines"].clone();
+    let levels: Vec<&str> = lines.as_array().unwrap().iter().map(|line| line["level"].as_str().unwrap()).collect();
+    assert_eq!(levels, ["ok", "warning", "failure"]);
+    let report = console.get("report").text();
+    for part in ["facewire 0.1.0", "== settings", "kind = \"udp\"", "facewire_frames_total", "== log"] {
+        assert!(report.contains(part), "{part}: {report}");
+    }
+    assert!(!report.contains("anna") && !report.contains("10.1.2.3"), "{report}");
+}
+
+#[test]
+fn a_console_with_a_page_a_password_and_pictures_takes_little_memory() {
+    let console = Console::start(SETTINGS);
+    let mut events = console.viewer.events();
+    console.post("password", &json!({"new": "a good password"}));
+    for _ in 0..20 {
+        assert_eq!(console.get("picture").status, 200);
+        console.get("settings");
+        events.until(|event| event["packet"].is_object());
+    }
+    let [peak, now] = ["VmHWM", "VmRSS"].map(|key| memory_kb(console.viewer.pid(), key));
+    println!("peak memory {:.1} MB, now {:.1} MB", peak as f64 / 1e3, now as f64 / 1e3);
+    assert!(peak < 20_000, "{peak} KB");
+}

@@ -18,7 +18,7 @@ use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, Receiver, Service, counted};
 use common::{eventually, skip};
 use facewire::config::{LinkKind, LinkSettings, SerialDevice, SerialSettings};
-use facewire::link::{Background, Link, Traffic, serial_carrier};
+use facewire::link::{Background, Link, Panel, serial_carrier};
 use facewire_packet::{Packet, Reason, State};
 use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, tcgetattr, tcsetattr};
@@ -34,28 +34,28 @@ fn packet(sequence: u16) -> Packet {
 
 struct Serial {
     carrier: Background,
-    traffic: Arc<Traffic>,
+    panel: Arc<Panel>,
 }
 
 impl Serial {
     fn open(board: &Board, baud: u32) -> Self {
         let device = SerialDevice::Path(board.device.clone());
-        let (kind, traffic) = (LinkKind::Serial(SerialSettings { device, baud }), Arc::<Traffic>::default());
-        let carrier = serial_carrier(&kind, Arc::clone(&traffic)).unwrap().unwrap();
+        let (kind, panel) = (LinkKind::Serial(SerialSettings { device, baud }), Arc::<Panel>::default());
+        let carrier = serial_carrier(&kind, Arc::clone(&panel)).unwrap().unwrap();
         eventually("the port", || carrier.is_open());
-        Self { carrier, traffic }
+        Self { carrier, panel }
     }
 
     fn assert_counts(&self, sent: u64, dropped: u64) {
-        let counts = || [&self.traffic.sent, &self.traffic.dropped].map(|count| count.load(Relaxed));
+        let counts = || [&self.panel.sent, &self.panel.dropped].map(|count| count.load(Relaxed));
         eventually("the counts", || counts() == [sent, dropped]);
     }
 
     /// Drops the link and waits until its thread has closed the port.
     fn close(self) {
-        let traffic = Arc::downgrade(&self.traffic);
+        let panel = Arc::downgrade(&self.panel);
         drop(self);
-        eventually("the end of the thread", || traffic.strong_count() == 0);
+        eventually("the end of the thread", || panel.strong_count() == 0);
     }
 }
 

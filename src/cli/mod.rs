@@ -141,7 +141,9 @@ impl Command {
                 let level = log::start(settings.log.level);
                 // This fails only after the log has been dropped.
                 let set_log_level = move |wanted| drop(level.reload(wanted));
-                let status = service::run(settings, Arc::new(move || arguments.load()), Box::new(set_log_level))?;
+                let config = arguments.config.as_ref().map(|path| path.display().to_string());
+                let load_settings = Arc::new(move || arguments.load());
+                let status = service::run(settings, config, load_settings, Box::new(set_log_level))?;
                 tracing::info!("stopped: {status}");
                 Ok(())
             }

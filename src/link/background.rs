@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
-use super::{LinkError, LinkErrorKind, Traffic};
+use super::{LinkError, LinkErrorKind, Panel};
 use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
@@ -55,16 +55,12 @@ struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
     has_receiver: AtomicBool,
-    traffic: Arc<Traffic>,
+    panel: Arc<Panel>,
 }
 
 impl Shared {
     fn stopping(&self) -> bool {
         self.stop.load(Acquire)
-    }
-
-    fn drop_one(&self) {
-        self.traffic.dropped.fetch_add(1, Relaxed);
     }
 }
 
@@ -81,10 +77,10 @@ impl Background {
         link: impl Display,
         name: &str,
         device: impl Device,
-        traffic: Arc<Traffic>,
+        panel: Arc<Panel>,
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
-        let shared = Arc::new(Shared { traffic, has_receiver: device.has_receiver().into(), ..Shared::default() });
+        let shared = Arc::new(Shared { panel, has_receiver: device.has_receiver().into(), ..Shared::default() });
         let theirs = Arc::clone(&shared);
         let thread = Builder::new().name(name.to_owned()).spawn(move || run(device, output, &theirs));
         let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
@@ -96,7 +92,7 @@ impl Background {
         let buffer = self.newest.input_buffer_mut();
         buffer.clear();
         if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
-            self.shared.drop_one();
+            self.shared.panel.count(false);
         }
         // A thread that waits to try again has no use for the message, which a newer one will replace.
         if self.is_open() {
@@ -137,6 +133,7 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
         let mut is_handover = false;
+        let _ = ended.as_ref().inspect_err(|error| shared.panel.note(Some(&error.message)));
         match ended {
             Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => is_handover = true,
             // A receiver that is not there yet is no fault.
@@ -156,7 +153,7 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     }
     // A message that came while there was no device is dropped.
     if newest.update() {
-        shared.drop_one();
+        shared.panel.count(false);
     }
 }
 
@@ -171,18 +168,18 @@ fn session(
     shared.has_receiver.store(device.has_receiver(), Relaxed);
     let mut open = opened?;
     shared.open.store(true, Relaxed);
+    shared.panel.note(None);
     loop {
         // Read before the message, so that a message given before the end is still written.
         let stopping = shared.stopping();
         if newest.update() {
             let took = device.write(&mut open, newest.peek_output_buffer());
+            let is_taken = matches!(took, Ok(true));
             is_refused = matches!(took, Ok(false));
-            if matches!(took, Ok(true)) {
+            if is_taken {
                 *retry = Retry::default();
-                shared.traffic.sent.fetch_add(1, Relaxed);
-            } else {
-                shared.drop_one();
             }
+            shared.panel.count(is_taken);
             took?;
         } else if stopping {
             // No newer message will come, so a busy device is offered this one again. It has already been counted.
@@ -232,40 +229,40 @@ mod tests {
 
     /// Starts a carrier and waits until its device is open. Returns also what the device is given, what it is told about
     /// each message, and the counters.
-    fn start(claimed: u32) -> (Background, mpsc::Receiver<Vec<u8>>, mpsc::Sender<bool>, Arc<Traffic>) {
+    fn start(claimed: u32) -> (Background, mpsc::Receiver<Vec<u8>>, mpsc::Sender<bool>, Arc<Panel>) {
         let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
-        let (traffic, device) = (Arc::<Traffic>::default(), Scripted { given, takes: answers, claimed });
-        let carrier = Background::start("test", "fw-test", device, Arc::clone(&traffic)).unwrap();
+        let (panel, device) = (Arc::<Panel>::default(), Scripted { given, takes: answers, claimed });
+        let carrier = Background::start("test", "fw-test", device, Arc::clone(&panel)).unwrap();
         while !carrier.is_open() {
             thread::yield_now();
         }
-        (carrier, written, takes, traffic)
+        (carrier, written, takes, panel)
     }
 
     #[test]
     fn a_carrier_that_is_dropped_writes_its_last_message_even_if_the_device_is_busy() {
-        let (mut carrier, given, takes, traffic) = start(0);
+        let (mut carrier, given, takes, panel) = start(0);
         carrier.send(&[7]);
         [false, true].into_iter().for_each(|is_taken| takes.send(is_taken).unwrap());
         assert_eq!(given.recv().unwrap(), [7]);
         drop(carrier);
         assert_eq!(given.iter().collect::<Vec<_>>(), [[7]]);
-        assert_eq!(counts(&traffic), [0, 1], "each message is counted once");
+        assert_eq!(counts(&panel), [0, 1], "each message is counted once");
     }
 
     #[test]
     fn a_device_that_hangs_delays_no_sender_and_then_gets_the_newest_message() {
-        let (mut carrier, given, takes, traffic) = start(0);
+        let (mut carrier, given, takes, panel) = start(0);
         carrier.send(&[0]);
         assert_eq!(given.recv().unwrap(), [0]);
         // The thread hangs. If a sender waited for it, this would not end.
         (1..=100).for_each(|number| carrier.send(&[number]));
-        assert_eq!(counts(&traffic), [0, 99]);
+        assert_eq!(counts(&panel), [0, 99]);
         carrier.stop();
         assert!(!carrier.has_ended());
         (0..2).for_each(|_| takes.send(true).unwrap());
         assert_eq!(given.iter().collect::<Vec<_>>(), [[100]]);
-        assert_eq!(counts(&traffic), [2, 99]);
+        assert_eq!(counts(&panel), [2, 99]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Which bytes a link sends: the format of each kind, with the options that its settings give.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use facewire_packet::Packet;
@@ -8,13 +9,14 @@ use facewire_packet::formats::{IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
 
 use super::{Output, maestro};
 use crate::config::{LinkKind, VrchatSettings};
+use crate::servo::Dials;
 
 /// Encodes a packet in memory that was taken when the link was opened, and calls the last argument once for each message.
 /// The packet is made of the output, whose times do not wrap. Both are as the settings of the link want them: adjusted, and
 /// held or neutral while no face is followed.
 pub type Encoder = Box<dyn FnMut(&Packet, &Output, &mut dyn FnMut(&[u8])) + Send>;
 
-pub fn encoder_of(kind: &LinkKind) -> Encoder {
+pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
     let begun = Instant::now();
     match kind {
         // The thread of a PCA9685 takes packets, too.
@@ -34,7 +36,7 @@ pub fn encoder_of(kind: &LinkKind) -> Encoder {
             let mut format = Vrchat::new(&it.prefix, it.native_eyes, |parameter| form_of(parameter, it));
             Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
-        LinkKind::Maestro(it) => maestro::encoder(it),
+        LinkKind::Maestro(it) => maestro::encoder(it, dials),
         LinkKind::IFacialMocap(it) => {
             let mut format = IFacialMocap::new(it.version);
             Box::new(move |packet, _, send| format.encode(packet, send))
@@ -76,7 +78,7 @@ mod tests {
 
     fn encoded(kind: &LinkKind, output: &Output) -> Vec<u8> {
         let mut messages = Vec::new();
-        encoder_of(kind)(&packet(output, 7), output, &mut |bytes| messages.extend_from_slice(bytes));
+        encoder_of(kind, &Arc::default())(&packet(output, 7), output, &mut |bytes| messages.extend_from_slice(bytes));
         messages
     }
 

@@ -6,11 +6,12 @@
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
 //! Its units of speed hold for its default period of 20 ms.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::encoder::Encoder;
 use crate::config::{MaestroProtocol, MaestroSettings};
-use crate::servo::{Board, Channel};
+use crate::servo::{Board, Channel, Dials};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
@@ -119,7 +120,7 @@ fn units(limit: f32, most: f32) -> u16 {
 }
 
 fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
-    for channel in Board::new(&settings.channels).channels {
+    for channel in settings.channels.iter().map(Channel::new) {
         let (span_us, limits) = (channel.span_us(), channel.limits);
         let speed = speed(limits.speed_per_s * span_us);
         let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
@@ -155,8 +156,8 @@ pub fn errors(answer: [u8; ANSWER_BYTES]) -> impl Iterator<Item = &'static str> 
     ERRORS.into_iter().enumerate().filter(move |(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error)
 }
 
-pub fn encoder(settings: &MaestroSettings) -> Encoder {
-    let (mut board, protocol) = (Board::new(&settings.channels), Protocol::new(settings));
+pub fn encoder(settings: &MaestroSettings, dials: &Arc<Dials>) -> Encoder {
+    let (mut board, protocol) = (Board::new(&settings.channels, dials), Protocol::new(settings));
     let (multiple_targets, mut message) =
         (settings.multiple_targets, Vec::with_capacity(settings.channels.len() * COMMAND_BYTES));
     Box::new(move |packet, _, send| {

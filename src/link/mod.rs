@@ -13,6 +13,7 @@ mod ifacialmocap;
 mod json;
 pub mod maestro;
 mod output;
+mod panel;
 pub mod pca9685;
 mod serial;
 mod udp;
@@ -20,31 +21,25 @@ mod udp;
 use std::fmt::Display;
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 pub use facewire_packet::Pose;
 
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
-use self::encoder::{Encoder, encoder_of, packet};
+pub use self::encoder::packet;
+use self::encoder::{Encoder, encoder_of};
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
 pub(crate) use self::output::towards;
 pub use self::output::{Output, Pace};
+pub use self::panel::{Panel, Traffic};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
 use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
-
-/// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
-#[derive(Debug, Default)]
-pub struct Traffic {
-    pub packets: AtomicU64,
-    pub sent: AtomicU64,
-    pub dropped: AtomicU64,
-}
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -58,11 +53,16 @@ pub struct Link {
     udp: Option<UdpCarrier>,
     /// What may block. A link to receivers that ask for the face can have both.
     device: Option<Background>,
-    traffic: Arc<Traffic>,
+    panel: Arc<Panel>,
     sequence: u16,
     shown: Shown,
     pace: Pace,
+    /// When an output was encoded last, microseconds, and whether an operator had a say in it.
+    encoded: (u64, bool),
 }
+
+/// Time between two messages to servos that an operator turns or has released, microseconds.
+const OPERATED_PERIOD_US: u64 = 20_000;
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link {message}")]
@@ -103,28 +103,31 @@ impl Link {
     /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
     /// again until they succeed.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let counters = || Arc::clone(traffic);
-        let mut udp = settings.kind.address().map(|address| UdpCarrier::open(address, counters())).transpose()?;
+        let panel = Panel::new(settings, traffic);
+        let shared = || Arc::clone(&panel);
+        let mut udp = settings.kind.address().map(|address| UdpCarrier::open(address, shared())).transpose()?;
         let device = match &settings.kind {
-            LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, counters())?,
-            LinkKind::Pca9685(it) => Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it), counters())?),
+            LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
+            LinkKind::Pca9685(it) => {
+                Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it, &panel.dials), shared())?)
+            }
             LinkKind::IFacialMocap(it) => {
-                udp = it.address.as_ref().map(|address| UdpCarrier::open(address, counters())).transpose()?;
+                udp = it.address.as_ref().map(|address| UdpCarrier::open(address, shared())).transpose()?;
                 // With an address, only the messages to it are counted.
-                let others = if udp.is_some() { Arc::default() } else { counters() };
+                let others = if udp.is_some() { Arc::default() } else { shared() };
                 let server = it.listen.map(|listen| ifacialmocap::Server::new(listen, it.reply_port));
                 server.map(|server| Background::start(settings, "fw-subscribe", server, others)).transpose()?
             }
             LinkKind::Json(JsonSettings { to: JsonTarget::Stdout }) => {
-                Some(Background::start(settings, "fw-stdout", json::Stdout, counters())?)
+                Some(Background::start(settings, "fw-stdout", json::Stdout, shared())?)
             }
             LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) => {
-                Some(Background::start(settings, "fw-socket", json::Server::new(path), counters())?)
+                Some(Background::start(settings, "fw-socket", json::Server::new(path), shared())?)
             }
             _ => None,
         };
-        let (encoder, traffic, sequence) = (encoder_of(&settings.kind), counters(), 0);
-        Ok(Self { encoder, udp, device, traffic, sequence, shown: Shown::default(), pace: Pace::default() })
+        let (encoder, shown, pace) = (encoder_of(&settings.kind, &panel.dials), Shown::default(), Pace::default());
+        Ok(Self { encoder, udp, device, panel, sequence: 0, shown, pace, encoded: (0, false) })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -156,14 +159,23 @@ impl Link {
         settings.kind.address().map_or(Ok(()), |address| udp::resolve(address).map(drop))
     }
 
-    /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind.
+    /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may differ from those of the last call in everything but the kind.
     /// Returns how long the link can wait for the next output, in microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
-        let (is_due, wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
+        let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
+        let (is_operated, (encoded_us, was_operated)) = (self.panel.dials.is_operated(), self.encoded);
+        is_due |= is_operated != was_operated;
+        if is_operated {
+            is_due |= now_us.saturating_sub(encoded_us) >= OPERATED_PERIOD_US;
+            wait_us = wait_us.min(OPERATED_PERIOD_US);
+        }
         if is_due {
+            self.encoded = (now_us, is_operated);
             self.encode(&output);
         }
+        self.panel.is_open.store(self.is_open(), Relaxed);
+        self.panel.refusal.store(self.udp.as_ref().and_then(UdpCarrier::refusal).unwrap_or(0), Relaxed);
         wait_us
     }
 
@@ -178,12 +190,12 @@ impl Link {
     }
 
     fn encode(&mut self, output: &Output) {
-        let Self { encoder, udp, device, traffic, .. } = self;
+        let Self { encoder, udp, device, panel, .. } = self;
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
         encoder(&packet(output, self.sequence), output, &mut |message| {
-            traffic.packets.fetch_add(1, Relaxed);
+            panel.all.packets.fetch_add(1, Relaxed);
             udp.iter_mut().for_each(|udp| udp.send(message));
             device.iter_mut().for_each(|device| device.send(message));
         });
@@ -195,9 +207,8 @@ impl Link {
         self.udp.as_ref().is_some_and(UdpCarrier::is_open) || self.device.as_ref().is_some_and(Background::is_open)
     }
 
-    /// The system's error number if the network refused the last message. Devices log their errors themselves.
-    pub fn refusal(&self) -> Option<i32> {
-        self.udp.as_ref()?.refusal()
+    pub fn panel(&self) -> &Arc<Panel> {
+        &self.panel
     }
 
     /// Asks to look up the receiver's address now.
@@ -251,7 +262,7 @@ mod testing {
     }
 
     /// Messages sent, and messages dropped.
-    pub fn counts(traffic: &Traffic) -> [u64; 2] {
-        [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed))
+    pub fn counts(panel: &Panel) -> [u64; 2] {
+        [&panel.sent, &panel.dropped].map(|counter| counter.load(Relaxed))
     }
 }

@@ -12,6 +12,7 @@ use std::fmt::Display;
 use std::fs::File;
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -25,7 +26,7 @@ use rustix::io::Errno;
 use super::background::Device;
 use super::{LinkError, LinkErrorKind};
 use crate::config::Pca9685Settings;
-use crate::servo::{Board, Channel};
+use crate::servo::{Board, Channel, Dials};
 
 /// Time between two checks whether the chip still makes pulses.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
@@ -252,8 +253,8 @@ pub struct Servos {
 
 impl Servos {
     /// The chip may get its power later.
-    pub fn new(settings: &Pca9685Settings) -> Self {
-        Self { settings: settings.clone(), board: Board::new(&settings.channels), checked_at: Instant::now() }
+    pub fn new(settings: &Pca9685Settings, dials: &Arc<Dials>) -> Self {
+        Self { settings: settings.clone(), board: Board::new(&settings.channels, dials), checked_at: Instant::now() }
     }
 
     /// Makes the chip ready. Servos that it moves already go on from where its pulses hold them, whether this process or
@@ -385,7 +386,7 @@ mod tests {
 
     fn start(chip: &mut Simulated) -> Servos {
         let LinkKind::Pca9685(settings) = kind("pca9685", CHANNEL_KEYS) else { unreachable!() };
-        let mut servos = Servos::new(&settings);
+        let mut servos = Servos::new(&settings, &Arc::default());
         servos.start(chip).unwrap();
         servos
     }

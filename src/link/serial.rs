@@ -35,7 +35,7 @@ use self::board::restarts_board;
 pub use self::board::{PortSearch, is_maestro};
 use super::background::{Background, Device};
 use super::maestro::{self, ANSWER_BYTES};
-use super::{LinkError, LinkErrorKind, Traffic};
+use super::{LinkError, LinkErrorKind, Panel};
 use crate::config::{LinkKind, MaestroSettings, SerialDevice};
 use crate::retry::LoggedReasons;
 
@@ -159,14 +159,15 @@ fn keep_dtr(port: &OwnedFd) -> rustix::io::Result<()> {
 
 /// Starts the thread of a serial line, if the link has one. The port may appear later. Each time that the port opens, the
 /// thread writes the preamble, as soon as the board has restarted if it restarts; later it asks a Maestro again and again.
-pub fn serial_carrier(kind: &LinkKind, traffic: Arc<Traffic>) -> Result<Option<Background>, LinkError> {
+pub fn serial_carrier(kind: &LinkKind, panel: Arc<Panel>) -> Result<Option<Background>, LinkError> {
     let Some((device, baud, auto)) = kind.line() else { return Ok(None) };
     let maestro = if let LinkKind::Maestro(settings) = kind { Some(settings.clone()) } else { None };
     // Claimed here, so that the first of two links to one device gets it.
     let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
     let (first_claim, is_found) = (path.and_then(|path| PortClaim::acquire(path).ok()), path.is_some());
-    let line = Line { search: PortSearch::new(device, auto), is_found, baud, maestro, first_claim };
-    Background::start(device, "fw-serial", line, traffic).map(Some)
+    let line =
+        Line { search: PortSearch::new(device, auto), is_found, baud, maestro, first_claim, panel: Arc::clone(&panel) };
+    Background::start(device, "fw-serial", line, panel).map(Some)
 }
 
 struct Line {
@@ -176,6 +177,7 @@ struct Line {
     baud: u32,
     maestro: Option<MaestroSettings>,
     first_claim: Option<PortClaim>,
+    panel: Arc<Panel>,
 }
 
 /// An open port. While its board restarts, it gets nothing; then it may be asked, and answers.
@@ -215,7 +217,7 @@ impl Device for Line {
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
-        port.write(message).map_err(|error| lost(&port.device, error))
+        port.write(message, &self.panel).map_err(|error| lost(&port.device, error))
     }
 
     fn attend(&mut self, port: &mut Port) -> Result<(), LinkError> {
@@ -253,10 +255,10 @@ impl Line {
             port.is_asked = false;
             let mut answer = [0; ANSWER_BYTES];
             port.tty.read_exact(&mut answer)?;
-            maestro::errors(answer).for_each(|error| port.warn(error));
+            maestro::errors(answer).for_each(|error| port.warn(error, &self.panel));
         } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
             port.is_asked = false;
-            port.warn(maestro::SILENCE);
+            port.warn(maestro::SILENCE, &self.panel);
         } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
             (port.is_asked, port.since) = (settings.read_errors, Instant::now());
             let _ = port.tty.clear(ClearBuffer::Input);
@@ -273,13 +275,14 @@ impl Port {
         Self { device, tty, dtr, is_asked: false, since: now, takes: true, took_at: now, logged, _claim }
     }
 
-    fn warn(&mut self, trouble: &str) {
+    fn warn(&mut self, trouble: &str, panel: &Panel) {
+        panel.note(Some(trouble));
         if self.logged.is_new(trouble) {
             tracing::warn!("link {}: {trouble}", self.device.display());
         }
     }
 
-    fn write(&mut self, message: &[u8]) -> io::Result<bool> {
+    fn write(&mut self, message: &[u8], panel: &Panel) -> io::Result<bool> {
         if self.dtr.is_some() {
             return Ok(false);
         }
@@ -295,8 +298,10 @@ impl Port {
             self.took_at = Instant::now();
         }
         self.takes = took || (is_behind && self.takes && self.took_at.elapsed() < STUCK_AFTER);
-        if took_before && !self.takes {
-            tracing::warn!("link {}: it takes no packets; check that the receiver reads", self.device.display());
+        if took_before != self.takes {
+            let trouble = (!self.takes).then_some("it takes no packets; check that the receiver reads");
+            panel.note(trouble);
+            trouble.inspect(|trouble| tracing::warn!("link {}: {trouble}", self.device.display()));
         }
         Ok(took)
     }
@@ -371,10 +376,11 @@ mod tests {
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
         let maestro = Some(MaestroSettings::default());
-        let mut line = Line { search, is_found: true, baud: 115_200, maestro, first_claim: None };
+        let mut line =
+            Line { search, is_found: true, baud: 115_200, maestro, first_claim: None, panel: Arc::default() };
         let mut port = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
-            assert!(!port.write(b"dropped").unwrap());
+            assert!(!port.write(b"dropped", &line.panel).unwrap());
             line.attend(&mut port).unwrap();
         }
         assert_eq!((board.bytes_to_read().unwrap(), keeps_dtr()), (0, false));
@@ -385,7 +391,8 @@ mod tests {
             port.is_asked
         };
         assert!(!after(&mut port, RESTART) && keeps_dtr());
-        assert!(port.write(b"first").unwrap() && port.write(b"second").unwrap());
+        let panel = Panel::default();
+        assert!(port.write(b"first", &panel).unwrap() && port.write(b"second", &panel).unwrap());
         // Then the receiver is asked once a second, and its answer is read when it is whole, or given up.
         let asked = [INQUIRY_PERIOD / 2, INQUIRY_PERIOD, ANSWER_TIMEOUT, INQUIRY_PERIOD].map(|it| after(&mut port, it));
         assert_eq!(asked, [false, true, false, true]);

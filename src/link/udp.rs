@@ -9,7 +9,6 @@
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::Builder;
 use std::time::Duration;
@@ -17,7 +16,7 @@ use std::{fs, io};
 
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
-use super::{LinkError, LinkErrorKind, Traffic};
+use super::{LinkError, LinkErrorKind, Panel};
 use crate::config::Address;
 use crate::retry::Retry;
 
@@ -30,41 +29,40 @@ pub struct UdpCarrier {
     destination: Newest<Option<Destination>>,
     /// Wakes the thread that looks a host name up. The thread ends when this is dropped.
     lookup: Option<SyncSender<()>>,
-    traffic: Arc<Traffic>,
+    panel: Arc<Panel>,
     refusal: Option<i32>,
 }
 
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
-    pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
-        Self::resolved_by(system_resolver, address, traffic)
+    pub fn open(address: &Address, panel: Arc<Panel>) -> Result<Self, LinkError> {
+        Self::resolved_by(system_resolver, address, panel)
     }
 
     fn resolved_by(
         resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
         address: &Address,
-        traffic: Arc<Traffic>,
+        panel: Arc<Panel>,
     ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let lookup = if let Ok(receiver) = address.as_str().parse() {
             input.write(Some(open(address, receiver)?));
             None
         } else {
-            let ((wake, woken), host) = (sync_channel(1), address.clone());
+            let ((wake, woken), host, shared) = (sync_channel(1), address.clone(), Arc::clone(&panel));
             let thread = Builder::new().name("fw-lookup".to_owned());
-            let started = thread.spawn(move || look_up(&host, resolve, input, &woken));
+            let started = thread.spawn(move || look_up(&host, resolve, input, &woken, &shared));
             started.map_err(|error| LinkError::no_thread(address, error))?;
             Some(wake)
         };
-        Ok(Self { destination, lookup, traffic, refusal: None })
+        Ok(Self { destination, lookup, panel, refusal: None })
     }
 
     /// Sends the message or drops it, without waiting, and counts it.
     pub fn send(&mut self, message: &[u8]) {
         let destination = self.destination.read().as_ref();
         let sent = destination.map(|(socket, receiver)| socket.send_to(message, receiver));
-        let is_sent = matches!(sent, Some(Ok(_)));
-        (if is_sent { &self.traffic.sent } else { &self.traffic.dropped }).fetch_add(1, Relaxed);
+        self.panel.count(matches!(sent, Some(Ok(_))));
         // A full buffer drops this message and says nothing about the network.
         let error = sent.and_then(Result::err).filter(|error| error.kind() != io::ErrorKind::WouldBlock);
         self.refusal = error.and_then(|error| error.raw_os_error());
@@ -125,6 +123,7 @@ fn look_up(
     resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
     mut destination: Input<Option<Destination>>,
     woken: &Receiver<()>,
+    panel: &Panel,
 ) {
     let (mut current, mut retry) = (None, Retry::default());
     loop {
@@ -136,6 +135,7 @@ fn look_up(
             }
             Ok(())
         });
+        panel.note(found.as_ref().err().map(|error| &*error.message));
         match (found, current) {
             (Ok(()), _) => retry = Retry::default(),
             (Err(error), Some(current)) => retry.warn(&format!("{error}; packets still go to {current}")),
@@ -245,7 +245,7 @@ mod tests {
             let socket = receiver(&address);
             link.send(MESSAGE);
             let length = socket.recv(&mut bytes).unwrap();
-            assert_eq!((&bytes[..length], link.refusal(), counts(&link.traffic)), (MESSAGE, None, [11, 0]));
+            assert_eq!((&bytes[..length], link.refusal(), counts(&link.panel)), (MESSAGE, None, [11, 0]));
         }
     }
 
@@ -306,7 +306,7 @@ mod tests {
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
         let (socket, (mut link, answers)) = (receiver("127.0.0.1:0"), host());
         find(&link, &answers, &[]);
-        assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link.traffic) == [0, 1]);
+        assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link.panel) == [0, 1]);
         for found in [&[socket.local_addr().unwrap()][..], &[]] {
             find(&link, &answers, found);
             assert!(arrives(&mut link, &socket) && link.is_open());

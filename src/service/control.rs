@@ -1,30 +1,33 @@
-//! The control thread: programs on this machine calibrate wearers, choose the one in use, record, and read the metrics
-//! while the service runs.
+//! The control thread: programs on this machine calibrate wearers, choose the one in use, record, watch, reload the settings,
+//! and read the state and the metrics while the service runs.
 //!
-//! It has two doors: a Unix socket in the runtime directory, for the service's user and root alone, and the address of
-//! the metrics. One calibration and one recording run at a time, and a client that closes its connection ends its own. No
+//! It has two doors: a Unix socket in the runtime directory, for the service's user and root alone or for a group as well,
+//! and the address of the metrics. One calibration and one recording run at a time, and a client that closes its connection ends its own. No
 //! client can hold up the thread: connections do not block, and their number, the length of a request and the time until
 //! it has come are limited.
 
 pub(super) mod client;
 
+use std::collections::BTreeMap;
 use std::error::Error;
-use std::fs::{DirBuilder, Permissions, set_permissions};
+use std::fs::{DirBuilder, Permissions, metadata, set_permissions};
 use std::io::{self, ErrorKind, PipeReader, PipeWriter, pipe};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, mpsc};
-use std::thread::{Builder, JoinHandle};
+use std::thread::{Builder, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use facewire_packet::Reason;
+use facewire_packet::{BLENDSHAPES, Packet, Pose, Reason};
+use nalgebra::{UnitQuaternion, Vector3};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use triple_buffer::Input;
 
-use self::client::{Client, Reply, Request, Speaks};
+use self::client::{Client, Drive, LinkStatus, Reply, Request, Role, Speaks, Status};
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::metrics;
@@ -39,14 +42,14 @@ use crate::recording::Recorded;
 use facewire_face::Profile;
 
 /// Number of clients at a time at each door. The others wait in the queue of the socket.
-const MAX_CLIENTS: usize = 4;
+const MAX_CLIENTS: usize = 16;
 /// Time between two looks at what clients ask and the hot loop shows, and without clients at new settings.
 const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Time in which a client must ask, and in which it must take the answer.
 const ASK_PATIENCE: Duration = Duration::from_secs(2);
 const HTTP_PATIENCE: Duration = Duration::from_millis(500);
-/// Time in which a client that calibrates or records must take what it was sent.
+/// Time in which a client that calibrates, records or watches must take what it was sent.
 const STREAM_PATIENCE: Duration = Duration::from_secs(10);
 /// Delay before the next attempt after listening or accepting a client has failed.
 const RETRY_DELAY: Duration = Duration::from_secs(1);
@@ -57,6 +60,12 @@ const SILENT_US: u64 = 500_000;
 const SILENT_FRAMES: u64 = 3;
 /// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
+/// Longest time that one who drives may be silent.
+const DRIVE_PATIENCE: Duration = Duration::from_millis(400);
+/// Least time between two packets to a watcher.
+const WATCH_PERIOD: Duration = Duration::from_micros(16_666);
+/// The mode of a runtime directory whose group may use the socket.
+const SHARED_FOLDER: u32 = 0o710;
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
@@ -85,8 +94,11 @@ impl Door {
         if let Some(folder) = path.parent() {
             DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
         }
+        // Whoever made the folder says by its mode whether the group may use the socket.
+        let folder = path.parent().and_then(|folder| metadata(folder).ok());
+        let is_shared = folder.is_some_and(|folder| folder.permissions().mode() & 0o777 == SHARED_FOLDER);
         let listener = Listener::bind(&self.listen)?;
-        set_permissions(path, Permissions::from_mode(0o600))?;
+        set_permissions(path, Permissions::from_mode(if is_shared { 0o660 } else { 0o600 }))?;
         Ok(listener)
     }
 
@@ -114,18 +126,33 @@ impl Door {
     }
 }
 
+/// What leads to and from the other threads.
+pub(super) struct Peers {
+    pub(super) changes: mpsc::Receiver<Settings>,
+    pub(super) observed: Observed<Observation>,
+    pub(super) recorded: Observed<Recorded>,
+    pub(super) watched: Observed<Packet>,
+    pub(super) hot: Arc<Mailbox<HotChange>>,
+    /// Wakes the sender, which obeys the [`Operator`](crate::servo::Operator) and shows the puppet.
+    pub(super) sender: Thread,
+    pub(super) puppet: Input<Option<Pose>>,
+    /// Takes those who ask for a reload.
+    pub(super) reload: mpsc::Sender<mpsc::Sender<Reply>>,
+    pub(super) counters: Arc<Counters>,
+}
+
 pub(super) struct Server {
     doors: [Door; 2],
     settings: Settings,
-    changes: mpsc::Receiver<Settings>,
-    observed: Observed<Observation>,
-    recorded: Observed<Recorded>,
-    hot: Arc<Mailbox<HotChange>>,
-    counters: Arc<Counters>,
+    config: Option<String>,
+    peers: Peers,
     stop_signal: PipeReader,
     clients: Vec<Client>,
     calibrating: Option<Calibrating>,
     recording: Option<Recording>,
+    /// When watchers were shown a packet last; `None` without watchers.
+    watched_at: Option<Instant>,
+    driver: Option<Client>,
 }
 
 impl Server {
@@ -133,10 +160,8 @@ impl Server {
     pub(super) fn new(
         path: Option<PathBuf>,
         settings: Settings,
-        changes: mpsc::Receiver<Settings>,
-        (observed, recorded): (Observed<Observation>, Observed<Recorded>),
-        hot: Arc<Mailbox<HotChange>>,
-        counters: Arc<Counters>,
+        config: Option<String>,
+        peers: Peers,
     ) -> io::Result<(Self, PipeWriter)> {
         if path.is_none() {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
@@ -144,20 +169,9 @@ impl Server {
         let (stop_signal, stop) = pipe()?;
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
-        let (clients, calibrating, recording) = (Vec::new(), None, None);
-        let server = Self {
-            doors,
-            settings,
-            changes,
-            observed,
-            recorded,
-            hot,
-            counters,
-            stop_signal,
-            clients,
-            calibrating,
-            recording,
-        };
+        let (clients, calibrating, recording, watched_at, driver) = (Vec::new(), None, None, None, None);
+        let server =
+            Self { doors, settings, config, peers, stop_signal, clients, calibrating, recording, watched_at, driver };
         Ok((server, stop))
     }
 
@@ -172,9 +186,11 @@ impl Server {
             self.serve();
             self.calibrate();
             self.record();
+            self.drive();
         }
-        self.observed.ask(false);
-        self.recorded.ask(false);
+        self.peers.observed.ask(false);
+        self.peers.recorded.ask(false);
+        self.peers.watched.ask(false);
     }
 
     fn wait(&mut self) -> bool {
@@ -184,7 +200,8 @@ impl Server {
         let doors: Vec<_> = self.doors.iter_mut().filter(admits).collect();
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
         polled.extend(doors.iter().filter_map(|door| Some(PollFd::new(door.listener.as_ref()?, PollFlags::IN))));
-        let is_idle = self.clients.is_empty() && self.calibrating.is_none() && self.recording.is_none();
+        let is_idle =
+            self.clients.is_empty() && self.calibrating.is_none() && self.recording.is_none() && self.driver.is_none();
         if let Err(error) = poll(&mut polled, Some(if is_idle { &LOOK_IDLE } else { &LOOK_BUSY })) {
             return error == Errno::INTR;
         }
@@ -204,9 +221,9 @@ impl Server {
     }
 
     fn adopt(&mut self) {
-        while let Ok(settings) = self.changes.try_recv() {
+        while let Ok(settings) = self.peers.changes.try_recv() {
             if !is_same_profile(&settings.wearer, &self.settings.wearer) {
-                self.counters.set_wearer(WearerName::new(&settings.wearer.name));
+                self.peers.counters.set_wearer(WearerName::new(&settings.wearer.name));
             }
             let [_, door] = &mut self.doors;
             if door.listen != settings.metrics.listen {
@@ -225,43 +242,78 @@ impl Server {
     }
 
     fn serve(&mut self) {
+        let packet = self.watched_packet();
         for mut client in std::mem::take(&mut self.clients) {
-            let patience = if client.speaks == Speaks::Http { HTTP_PATIENCE } else { ASK_PATIENCE };
-            if client.has_waited(patience) {
+            if matches!(client.role, Role::Asks) {
+                self.hear(client);
                 continue;
             }
-            if client.is_behind() {
-                self.send(client, Client::flush);
+            if client.has_gone(STREAM_PATIENCE) || client.flush().is_err() {
                 continue;
             }
-            let Ok(has_ended) = client.receive() else { continue };
-            match client.speaks {
-                Speaks::Http => match metrics::answer(&client.input, has_ended, &self.counters) {
-                    Some(page) => self.send(client, |client| client.send_bytes(page.as_bytes())),
+            if let Role::Awaits(answer) = &mut client.role {
+                match answer() {
+                    Some(reply) => self.send(client, |client| client.send(&reply)),
                     None => self.clients.push(client),
-                },
-                Speaks::Requests => match client.request() {
-                    Some(Ok(request)) => self.answer(client, request),
-                    Some(Err(refusal)) => self.send(client, |client| client.send(&Reply::Refused(refusal))),
-                    None if has_ended => {}
-                    None => self.clients.push(client),
-                },
+                }
+                continue;
             }
+            let packet = packet.as_ref().filter(|_| !client.is_behind());
+            if packet.is_none_or(|packet| client.send(packet).is_ok()) {
+                self.clients.push(client);
+            }
+        }
+        if self.watched_at.is_some() && !self.clients.iter().any(|client| matches!(client.role, Role::Watches)) {
+            self.peers.watched.ask(false);
+            self.watched_at = None;
         }
     }
 
+    /// Returns what watchers are to be shown now, if it is time for a packet and there is a new one.
+    fn watched_packet(&mut self) -> Option<Reply> {
+        let watched_at = self.watched_at.as_mut().filter(|at| at.elapsed() >= WATCH_PERIOD)?;
+        let packet = self.peers.watched.newest()?;
+        *watched_at = Instant::now();
+        Some(Reply::Packet(BASE64_STANDARD.encode(packet.encode())))
+    }
+
+    fn hear(&mut self, mut client: Client) {
+        let patience = if client.speaks == Speaks::Http { HTTP_PATIENCE } else { ASK_PATIENCE };
+        if client.has_waited(patience) {
+            return;
+        }
+        if client.is_behind() {
+            return self.send(client, Client::flush);
+        }
+        let Ok(has_ended) = client.receive() else { return };
+        match client.speaks {
+            Speaks::Http => match metrics::answer(&client.input, has_ended, &self.peers.counters) {
+                Some(page) => self.send(client, |client| client.send_bytes(page.as_bytes())),
+                None => self.clients.push(client),
+            },
+            Speaks::Requests => match client.request() {
+                Some(Ok(request)) => self.answer(client, request),
+                Some(Err(refusal)) => self.send(client, |client| client.send(&Reply::Refused(refusal))),
+                None if has_ended => {}
+                None => self.clients.push(client),
+            },
+        }
+    }
+
+    /// Sends the answer, after which the connection is closed.
     fn send(&mut self, mut client: Client, send: impl FnOnce(&mut Client) -> io::Result<()>) {
+        client.role = Role::Asks;
         if send(&mut client).is_ok() && client.is_behind() {
             self.clients.push(client);
         }
     }
 
-    fn answer(&mut self, client: Client, request: Request) {
+    fn answer(&mut self, mut client: Client, request: Request) {
         let outcome = match request {
             Request::Calibrate { wearer } => match self.prepare(wearer.as_deref()) {
                 Ok((name, guide)) => {
                     tracing::info!("calibration of wearer {name} begins");
-                    self.observed.ask(true);
+                    self.peers.observed.ask(true);
                     self.calibrating = Some(Calibrating::new(client, name, guide, monotonic_us()));
                     return;
                 }
@@ -269,7 +321,7 @@ impl Server {
             },
             Request::Record {} if self.recording.is_none() => {
                 tracing::info!("recording begins");
-                self.recorded.ask(true);
+                self.peers.recorded.ask(true);
                 self.recording = Some(Recording::new(client, monotonic_us()));
                 return;
             }
@@ -281,6 +333,39 @@ impl Server {
             }
             Request::Delete { wearer } => self.delete(&wearer),
             Request::List {} => self.list(),
+            Request::Watch {} => {
+                if self.watched_at.is_none() {
+                    self.peers.watched.ask(true);
+                    self.watched_at = Some(Instant::now());
+                }
+                client.role = Role::Watches;
+                return self.clients.push(client);
+            }
+            Request::Status {} => Ok(Reply::Status(Box::new(self.status()))),
+            Request::Release { on } => {
+                client.role = self.release(on);
+                return self.clients.push(client);
+            }
+            Request::Drive {} if self.driver.is_some() => {
+                Err("somebody else drives: try again when they have ended".into())
+            }
+            Request::Drive {} => {
+                tracing::info!("driving begins");
+                // Nobody is moved by what was wanted last time.
+                self.set_driven(None, None);
+                client.role = Role::Drives;
+                if client.send(&Reply::Driving(true)).is_ok() {
+                    self.driver = Some(client);
+                }
+                return;
+            }
+            Request::Reload {} => {
+                let (asker, answer) = mpsc::channel();
+                // If the supervisor has ended, the service stops and closes the connection.
+                let _ = self.peers.reload.send(asker);
+                client.role = Role::Awaits(Box::new(move || answer.try_recv().ok()));
+                return self.clients.push(client);
+            }
         };
         let reply = outcome.unwrap_or_else(|refusal| Reply::Refused(refusal.to_string()));
         self.send(client, |client| client.send(&reply));
@@ -290,17 +375,98 @@ impl Server {
         Store::new(&self.settings.wearer.folder)
     }
 
+    fn release(&self, on: bool) -> Role {
+        let operator = Arc::clone(&self.peers.counters.traffic.operator);
+        operator.is_released.store(on, Relaxed);
+        self.peers.sender.unpark();
+        let done = if on { "servos get no pulses" } else { "servos follow the face again" };
+        tracing::info!("{done}, as an operator wants it");
+        Role::Awaits(Box::new(move || {
+            let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
+            is_told.then(|| Reply::Done(done.to_owned()))
+        }))
+    }
+
+    /// Does what the driver's lines say, until one is bad or none comes any more.
+    fn drive(&mut self) {
+        let Some(mut driver) = self.driver.take() else { return };
+        let (has_ended, mut obeyed) = (driver.receive(), Ok(()));
+        while let (Ok(()), Some(line)) = (&obeyed, driver.request()) {
+            obeyed = line.and_then(|drive| self.turn(drive));
+        }
+        let why = match (obeyed, has_ended) {
+            (Err(why), _) => Some(why),
+            (Ok(()), Ok(false)) if driver.has_waited(DRIVE_PATIENCE) => Some("no line has come for 400 ms".to_owned()),
+            (Ok(()), Ok(false)) if driver.flush().is_ok() => {
+                self.driver = Some(driver);
+                return;
+            }
+            _ => None,
+        };
+        self.drive_until(0);
+        tracing::info!("driving has ended{}", why.as_ref().map_or_else(String::new, |why| format!(": {why}")));
+        if let Some(why) = why {
+            self.send(driver, |driver| driver.send(&Reply::Refused(why)));
+        }
+    }
+
+    /// Gives the links what one who drives wants, for as long as one who drives may be silent.
+    fn turn(&mut self, drive: Drive) -> Result<(), String> {
+        match drive {
+            Drive::Alive {} => {}
+            Drive::Jog { link, channel, position } => {
+                if !self.peers.counters.panels().get(link).is_some_and(|panel| panel.dials.has(channel)) {
+                    return Err(format!("link {link} has no servo at channel {channel}"));
+                }
+                self.set_driven(Some((link, channel, position)), None);
+            }
+            Drive::Puppet { coefficients, head_deg } => {
+                let pose = puppet_pose(&coefficients, head_deg)?;
+                self.set_driven(None, Some(pose));
+            }
+        }
+        self.drive_until(monotonic_us() + DRIVE_PATIENCE.as_micros() as u64);
+        Ok(())
+    }
+
+    fn set_driven(&mut self, jog: Option<(usize, u8, f32)>, pose: Option<Pose>) {
+        self.peers.puppet.write(pose);
+        for (index, panel) in self.peers.counters.panels().iter().enumerate() {
+            let of_panel = jog.filter(|(link, ..)| *link == index);
+            panel.dials.turn(of_panel.map(|(_, channel, position)| (channel, position)));
+        }
+    }
+
+    fn drive_until(&self, time_us: u64) {
+        self.peers.counters.traffic.operator.driven_until_us.store(time_us, Relaxed);
+        self.peers.sender.unpark();
+    }
+
+    fn status(&self) -> Status {
+        let counters = &self.peers.counters;
+        let operator = &counters.traffic.operator;
+        Status {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            metrics: metrics::page(counters),
+            wearer: counters.wearer().map(|name| name.to_string()),
+            config: self.config.clone(),
+            released: operator.is_released.load(Relaxed),
+            driven: operator.is_driven.load(Relaxed),
+            links: counters.panels().iter().map(|panel| LinkStatus::of(panel)).collect(),
+        }
+    }
+
     fn delete(&mut self, name: &str) -> Outcome<Reply> {
         let name = named(name)?;
         self.store().delete(&name)?;
-        if self.counters.wearer().as_ref() == Some(&name) {
+        if self.peers.counters.wearer().as_ref() == Some(&name) {
             self.hand_over(Profile::default(), None);
         }
         Ok(Reply::Done(format!("the profile of {name} is deleted")))
     }
 
     fn list(&self) -> Outcome<Reply> {
-        let (store, in_use) = (self.store(), self.counters.wearer().map(|name| name.to_string()));
+        let (store, in_use) = (self.store(), self.peers.counters.wearer().map(|name| name.to_string()));
         Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
     }
 
@@ -318,13 +484,13 @@ impl Server {
 
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
-        self.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
-        self.counters.set_wearer(name);
+        self.peers.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
+        self.peers.counters.set_wearer(name);
     }
 
     /// Loads what a calibration of this wearer, or else of the one in use, needs.
     fn prepare(&self, wearer: Option<&str>) -> Outcome<(WearerName, Guide)> {
-        let in_use = self.counters.wearer();
+        let in_use = self.peers.counters.wearer();
         let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
         if self.calibrating.is_some() {
             return Err("another calibration is in progress: try again when it has ended".into());
@@ -334,9 +500,9 @@ impl Server {
 
     fn calibrate(&mut self) {
         let Some(calibrating) = &mut self.calibrating else { return };
-        let silent_us = SILENT_US.max(SILENT_FRAMES * self.counters.frame_period_us.load(Relaxed));
+        let silent_us = SILENT_US.max(SILENT_FRAMES * self.peers.counters.frame_period_us.load(Relaxed));
         let told = loop {
-            let next = self.observed.take();
+            let next = self.peers.observed.take();
             let told = calibrating.step(next.as_ref(), silent_us, monotonic_us());
             if next.is_none() || told.is_err() || calibrating.guide.outcome().is_some() {
                 break told;
@@ -345,7 +511,7 @@ impl Server {
         let Some(outcome) = calibrating.guide.outcome() else {
             if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
                 tracing::info!("calibration of wearer {} cancelled", calibrating.name);
-                self.observed.ask(false);
+                self.peers.observed.ask(false);
                 self.calibrating = None;
             }
             return;
@@ -363,7 +529,7 @@ impl Server {
     }
 
     fn end(&mut self, reply: Reply) {
-        self.observed.ask(false);
+        self.peers.observed.ask(false);
         let Some(Calibrating { client, name, .. }) = self.calibrating.take() else { return };
         if let Reply::Refused(reason) = &reply {
             tracing::warn!("calibration of wearer {name}: {reason}");
@@ -373,14 +539,29 @@ impl Server {
 
     fn record(&mut self) {
         let Some(recording) = &mut self.recording else { return };
-        let is_camera_open = self.counters.camera_open.load(Relaxed);
-        let sent = recording.step(&mut self.recorded, is_camera_open, monotonic_us());
+        let is_camera_open = self.peers.counters.camera_open.load(Relaxed);
+        let sent = recording.step(&mut self.peers.recorded, is_camera_open, monotonic_us());
         if sent.is_err() || recording.client.has_gone(STREAM_PATIENCE) {
             tracing::info!("recording ended, {} frames lost", recording.lost);
-            self.recorded.ask(false);
+            self.peers.recorded.ask(false);
             self.recording = None;
         }
     }
+}
+
+/// A face that looks at the camera but for these angles, which are bounded as the coefficients are.
+fn puppet_pose(coefficients: &BTreeMap<String, f32>, head_deg: [f32; 3]) -> Result<Pose, String> {
+    let mut pose = Pose::NEUTRAL;
+    for (name, value) in coefficients {
+        let place = BLENDSHAPES.iter().zip(&mut pose.coefficients).find(|(known, _)| *known == name);
+        let (_, coefficient) = place.ok_or_else(|| format!("{name:?} is no coefficient"))?;
+        *coefficient = value.clamp(0.0, 1.0);
+    }
+    let [yaw, pitch, roll] = head_deg.map(|angle_deg| angle_deg.clamp(-90.0, 90.0).to_radians());
+    let [x, y, z] = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
+    let turned = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    pose.rotation = (turned(z, roll) * turned(x, -pitch) * turned(y, yaw)).coords.into();
+    Ok(pose)
 }
 
 type Outcome<T> = Result<T, Box<dyn Error>>;

@@ -13,7 +13,7 @@ use super::adaptation::{Cause, Step};
 use super::timing::{Times, quantiles};
 use crate::calibration::WearerName;
 use crate::impairment::{Impairment, Impairments};
-use crate::link::Traffic;
+use crate::link::{Panel, Traffic};
 
 /// Exit status after a second SIGTERM or SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;
@@ -81,9 +81,11 @@ pub(super) struct Counters {
     neutral_share: AtomicU32,
     neutral_forgotten: AtomicU64,
     pub(super) times: Times,
-    /// The wearer whose profile is in use, who need not be the one that the settings name. Only the threads of control and
-    /// reloads lock it.
+    /// The wearer whose profile is in use, who need not be the one that the settings name. Only the threads of control,
+    /// supervisor and reloads lock it.
     wearer: Mutex<Option<WearerName>>,
+    /// The panels of the links in the order of the settings, locked by the same threads.
+    panels: Mutex<Vec<Arc<Panel>>>,
 }
 
 pub(super) struct Row {
@@ -159,6 +161,14 @@ impl Counters {
         *self.wearer.lock().unwrap_or_else(PoisonError::into_inner) = name;
     }
 
+    pub(super) fn panels(&self) -> Vec<Arc<Panel>> {
+        self.panels.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(super) fn set_panels(&self, panels: Vec<Arc<Panel>>) {
+        *self.panels.lock().unwrap_or_else(PoisonError::into_inner) = panels;
+    }
+
     pub(super) fn set_state(&self, state: State) {
         self.state.store(STATES.iter().position(|known| *known == state).unwrap_or(0), Relaxed);
     }
@@ -186,7 +196,7 @@ impl Counters {
         let [state, step] = [&self.state, &self.step].map(|index| index.load(Relaxed));
         let (step_cause, neutral) = (self.step_cause.load(Relaxed), self.neutral_face.load(Relaxed));
         let (is_small, share) = (self.small_picture.load(Relaxed), f32::from_bits(self.neutral_share.load(Relaxed)));
-        let Traffic { packets, sent, dropped } = &*self.traffic;
+        let Traffic { packets, sent, dropped, .. } = &*self.traffic;
         rows! {
             counter "frames" "result" "Frames processed, by result." = counts([
                 ("faces", "solved", &self.solved), ("no_face", "no_face", &self.no_face),

@@ -165,6 +165,9 @@ pub struct History {
     target: Pose,
     /// Whether the output still has to catch up with `target`.
     is_ramping: bool,
+    /// Whether the news are those of a puppet, and whether `target` is. The output moves to and from it by a ramp.
+    pub(super) hears_puppet: bool,
+    shows_puppet: bool,
     now_us: Option<u64>,
     /// Capture time of the last pose in the news, followed or not.
     heard_us: Option<u64>,
@@ -182,6 +185,8 @@ impl Default for History {
             reason,
             target: pose,
             is_ramping: false,
+            hears_puppet: false,
+            shows_puppet: false,
             now_us: None,
             heard_us: None,
             row: 0,
@@ -201,10 +206,12 @@ impl History {
         elapsed_us
     }
 
-    /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
+    /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before, and to and from
+    /// a puppet.
     fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
         let output = &mut self.output;
-        self.is_ramping |= output.state != State::Live;
+        let (is_puppet, was_puppet) = (self.hears_puppet, std::mem::replace(&mut self.shows_puppet, self.hears_puppet));
+        self.is_ramping |= output.state != State::Live || is_puppet || was_puppet;
         if output.age_us == u64::MAX {
             output.pose.position_mm = pose.position_mm;
         }

@@ -69,7 +69,7 @@ fn limits_ns() -> impl Iterator<Item = u64> {
 }
 
 /// Renders everything with its present values. Writing to a string cannot fail.
-fn page(counters: &Counters) -> String {
+pub(super) fn page(counters: &Counters) -> String {
     let mut page = String::new();
     let version = env!("CARGO_PKG_VERSION");
     head(&mut page, "build", "info", "Version of facewire.");

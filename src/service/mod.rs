@@ -31,14 +31,14 @@ use triple_buffer::triple_buffer;
 pub use adaptation::Step;
 pub use camera::OpenCamera;
 pub use control::DEFAULT_WEARER;
-pub use control::client::{Reply, Request, control_sockets};
+pub use control::client::{Reply, Request, Status, control_sockets};
 pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
-use self::control::Server;
 use self::control::client::socket_path;
+use self::control::{Peers, Server};
 use self::counters::{Counters, OPEN_US};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
@@ -78,15 +78,17 @@ pub enum ServiceError {
 }
 
 /// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP reads the settings again, and
-/// SIGUSR1 writes the status line. Returns the last status line.
+/// SIGUSR1 writes the status line. `config` is the file of the settings. Returns the last status line.
 pub fn run(
     settings: Settings,
+    config: Option<String>,
     load_settings: LoadSettings,
     set_log_level: Box<dyn Fn(LevelFilter)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    let links = Links::change(&settings, &[], &counters.traffic)?;
+    let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
+    counters.set_panels(links.panels());
     let (loader, wanted) = (Loader::start()?, settings.clone());
     let pipeline = match loader.load(move || Pipeline::load(&wanted, true))? {
         Ok(pipeline) => Some(pipeline),
@@ -95,13 +97,13 @@ pub fn run(
         Err(error) => return Err(error.into()),
     };
     let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
-    let ((loads, load), (refusals, refusal)) = (triple_buffer(&None), triple_buffer(&None));
+    let ((loads, load), (puppet, played)) = (triple_buffer(&None), triple_buffer(&None));
     let (events, heard) = mpsc::channel();
     counters.heartbeats.hot(OPEN_US, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
-    let shared = Arc::clone(&counters);
-    let run_sender = |changes| Sender { links, changes, news, refusals, counters: shared }.run();
+    let ((shown, watched), shared) = (observer::channel(), Arc::clone(&counters));
+    let run_sender = |changes| Sender { links, changes, news, puppet: played, watched: shown, counters: shared }.run();
     let (sender_thread, sender) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
     let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
@@ -114,19 +116,42 @@ pub fn run(
     let (hot_thread, hot) = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, run_hot)?;
     let hot = Arc::new(hot);
 
-    let (control, changes) = mpsc::channel();
-    let (rings, hot_changes, shared) = ((observed, recorded), Arc::clone(&hot), Arc::clone(&counters));
-    let server = Server::new(socket_path(), settings.clone(), changes, rings, hot_changes, shared);
+    let ((control, changes), (reload, asked)) = (mpsc::channel(), mpsc::channel());
+    let (to_hot, shared) = (Arc::clone(&hot), Arc::clone(&counters));
+    let to_sender = sender_thread.thread().clone();
+    let peers = Peers {
+        changes,
+        observed,
+        recorded,
+        watched,
+        hot: to_hot,
+        sender: to_sender,
+        puppet,
+        reload,
+        counters: shared,
+    };
+    let server = Server::new(socket_path(), settings.clone(), config, peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control_thread {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
-    let (live, shared, preparing) = (settings, Arc::clone(&counters), None);
-    let reloader =
-        Reloader { live, load_settings, set_log_level, hot, sender, control, counters: shared, loader, preparing };
+    let (live, shared, preparing, askers) = (settings, Arc::clone(&counters), None, Vec::new());
+    let reloader = Reloader {
+        live,
+        load_settings,
+        set_log_level,
+        hot,
+        sender,
+        control,
+        counters: shared,
+        loader,
+        preparing,
+        asked,
+        askers,
+    };
     let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
-    let mut supervisor = Supervisor { counters: shared, events: heard, load, refusal, reloader, adaptation, log };
+    let mut supervisor = Supervisor { counters: shared, events: heard, load, reloader, adaptation, log };
     supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender_thread, hot_thread);

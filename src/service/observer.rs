@@ -1,4 +1,5 @@
-//! What the hot loop shows to a calibration or a recording: a value for each frame, in a bounded ring, only on request.
+//! What the hot loop and the sender show to a calibration, a recording or a watcher: a value for each frame or packet, in a
+//! bounded ring, only on request.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -47,6 +48,11 @@ impl<T> Observed<T> {
 
     pub(super) fn take(&mut self) -> Option<T> {
         self.ring.try_recv().ok()
+    }
+
+    /// Returns the newest value, and discards the others.
+    pub(super) fn newest(&mut self) -> Option<T> {
+        self.ring.try_iter().last()
     }
 
     pub(super) fn lost(&self) -> u64 {

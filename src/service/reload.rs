@@ -11,6 +11,7 @@ use std::thread::Thread;
 use tracing::level_filters::LevelFilter;
 
 use super::Loader;
+use super::control::client::Reply;
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::sender::Links;
@@ -44,7 +45,7 @@ impl Change {
         let load_profile = || load_profile(&wearer, &new.solver);
         let (profile, warning) = replaced(keeps_profile, is_same_wearer, "profile", load_profile)?.unzip();
         let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
-        let links = Links::change(&new, &live.links, &counters.traffic)?;
+        let links = Links::change(&new, counters.panels(), &counters.traffic)?;
         Ok(Self { settings: new, hot, links, warning: warning.flatten() })
     }
 }
@@ -89,6 +90,9 @@ pub(super) struct Reloader {
     pub(super) counters: Arc<Counters>,
     pub(super) loader: Loader,
     pub(super) preparing: Option<Receiver<Outcome<Change>>>,
+    /// Who asks for a reload, and who waits for the end of this one.
+    pub(super) asked: Receiver<mpsc::Sender<Reply>>,
+    pub(super) askers: Vec<mpsc::Sender<Reply>>,
 }
 
 impl Reloader {
@@ -107,7 +111,8 @@ impl Reloader {
         self.preparing = None;
         let refusal = match prepared {
             Ok(Ok(change)) => {
-                self.hand_out(change);
+                let done = self.hand_out(change);
+                self.tell(&Reply::Done(done));
                 return true;
             }
             Ok(Err(refusal)) => refusal.to_string(),
@@ -115,27 +120,39 @@ impl Reloader {
         };
         refusal.lines().for_each(|fault| tracing::error!("{fault}"));
         tracing::error!("settings refused: the current ones stay");
+        self.tell(&Reply::Refused(refusal));
         false
     }
 
-    /// Hands out the change. Links look up their host names again on every reload, and a model or profile may have
-    /// changed in its file, even if the settings are the same.
-    fn hand_out(&mut self, Change { mut settings, hot, links, warning }: Change) {
-        match &*settings.changed_keys(&self.live) {
-            [] => tracing::info!("settings are unchanged"),
-            changed => tracing::info!("settings changed: {}", changed.join(", ")),
+    /// Answers all who wait. One who has gone needs no answer.
+    fn tell(&mut self, reply: &Reply) {
+        self.askers.drain(..).for_each(|asker| drop(asker.send(reply.clone())));
+    }
+
+    /// Hands out the change, and returns what has changed. Links look up their host names again on every reload, and a
+    /// model or profile may have changed in its file, even if the settings are the same.
+    fn hand_out(&mut self, Change { mut settings, hot, links, warning }: Change) -> String {
+        let mut done = match &*settings.changed_keys(&self.live) {
+            [] => "settings are unchanged".to_owned(),
+            changed => format!("settings changed: {}", changed.join(", ")),
+        };
+        tracing::info!("{done}");
+        let waits = settings.realtime != self.live.realtime;
+        let realtime =
+            waits.then_some("[realtime] takes effect at the next start: restart the service to change it now");
+        for warning in warning.as_deref().into_iter().chain(realtime) {
+            tracing::warn!("{warning}");
+            done += &format!("\n{warning}");
         }
-        warning.iter().for_each(|warning| tracing::warn!("{warning}"));
-        if settings.realtime != self.live.realtime {
-            tracing::warn!("[realtime] takes effect at the next start: restart the service to change it now");
-            settings.realtime = self.live.realtime.clone();
-        }
+        settings.realtime = self.live.realtime.clone();
         (self.set_log_level)(settings.log.level);
         self.live = settings;
         self.hot.send(hot);
+        self.counters.set_panels(links.panels());
         self.sender.send(links);
         // Without a control socket nobody reads it.
         let _ = self.control.send(self.live.clone());
+        done
     }
 }
 
@@ -150,31 +167,54 @@ mod tests {
         Arc::new(move || config::parse("test", &toml))
     }
 
-    /// Reloads these settings in place of the live ones. Returns the live ones then, and what the hot loop is told.
-    fn reload(toml: &str, live: Settings) -> (Settings, HotChange) {
+    /// Reloads these settings in place of the live ones. Returns the live ones then, what the hot loop is told, and the
+    /// answer.
+    fn reload(toml: &str, live: Settings) -> (Settings, Option<HotChange>, Reply) {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
         let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
         let (set_log_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
-        let (counters, preparing) = (Arc::default(), None);
-        let mut reloader =
-            Reloader { live, load_settings, set_log_level, hot, sender, control, counters, loader, preparing };
+        let (counters, preparing, (asker, answer)) = (Arc::default(), None, mpsc::channel());
+        let (asked, askers) = (mpsc::channel().1, vec![asker]);
+        let mut reloader = Reloader {
+            live,
+            load_settings,
+            set_log_level,
+            hot,
+            sender,
+            control,
+            counters,
+            loader,
+            preparing,
+            asked,
+            askers,
+        };
         reloader.start();
-        while !reloader.step() {
+        while reloader.preparing.is_some() {
+            reloader.step();
             std::thread::yield_now();
         }
-        (reloader.live, told.try_recv().expect("the hot loop is told"))
+        (reloader.live, told.try_recv().ok(), answer.recv().expect("an answer"))
     }
 
     #[test]
     fn a_change_of_any_table_takes_effect_or_waits_for_the_next_start() {
         for toml in ["board = \"pi4\"", "[hardware]\ntemperature_limit_c = 66", "[realtime]\npriority = 7"] {
             let new = config::parse("test", toml).unwrap();
-            let (live, hot) = reload(toml, Settings::default());
-            assert!(new != Settings::default() && hot.settings.as_ref() == Some(&new), "{toml}");
+            let (live, hot, answer) = reload(toml, Settings::default());
+            assert!(new != Settings::default() && hot.unwrap().settings.as_ref() == Some(&new), "{toml}");
             assert_eq!(live == new, !toml.contains("realtime"), "{toml}");
+            let Reply::Done(done) = answer else { panic!("{answer:?}") };
+            assert!(done.starts_with("settings changed: ") && done.contains("restart") != (live == new), "{done}");
         }
+    }
+
+    #[test]
+    fn who_asks_for_a_reload_that_is_refused_is_told_every_fault() {
+        let (live, hot, answer) = reload("[camera]\nfps = 0\nwidth = 1\n", Settings::default());
+        let Reply::Refused(faults) = answer else { panic!("{answer:?}") };
+        assert_eq!((live, hot.is_none(), faults.lines().count()), (Settings::default(), true, 2), "{faults}");
     }
 
     #[test]

@@ -9,20 +9,23 @@ use std::sync::{Arc, mpsc};
 use std::thread::{self, Builder};
 use std::time::{Duration, Instant};
 
-use facewire_packet::{Reason, State};
-use triple_buffer::{Input, Output as Newest};
+use facewire_packet::{Packet, Pose, Reason, State};
+use triple_buffer::Output as Newest;
 
 use super::counters::Counters;
 use super::failsafe::{Failsafe, History, News};
+use super::observer::{self, Observer};
 use super::timing::{FrameTiming, between};
 use super::{STACK_BYTES, ServiceError, ends_before};
 use crate::capture::{FrameRate, monotonic_us};
-use crate::config::{FailsafeSettings, LinkKind, LinkSettings, Settings};
-use crate::link::{Link, LinkError, Output, Rates, Traffic};
+use crate::config::{FailsafeSettings, LinkSettings, Settings};
+use crate::link::{Link, LinkError, Output, Panel, Rates, Traffic, packet};
 use crate::recording::Recorded;
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
 const MAX_SLEEP_US: u64 = 100_000;
+/// Longest sleep while an operator drives. It bounds how late the sender sees that the operator is silent.
+const DRIVEN_PERIOD_US: u64 = 20_000;
 /// Longest time that a stopping service takes to move the face to neutral. A face that is still on its way jumps then.
 const LONGEST_STOP_US: u64 = 500_000;
 /// Time between the last packets. A serial link drops a packet that it has not written when the next one comes, and
@@ -36,8 +39,10 @@ pub(super) struct Sender {
     pub(super) links: Links,
     pub(super) changes: mpsc::Receiver<Links>,
     pub(super) news: Newest<News>,
-    /// The first link whose last packet the network refused, and the system's error number.
-    pub(super) refusals: Input<Option<(usize, i32)>>,
+    /// The face that an operator wants in place of the wearer's, as long as the operator drives.
+    pub(super) puppet: Newest<Option<Pose>>,
+    /// What the links are offered.
+    pub(super) watched: Observer<Packet>,
     pub(super) counters: Arc<Counters>,
 }
 
@@ -59,6 +64,7 @@ impl Sender {
     }
 
     fn stop(&mut self, history: &mut History) {
+        self.counters.traffic.operator.is_driven.store(false, Relaxed);
         let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
         let pause = Duration::from_secs(1) / self.links.rate_hz.max(1);
         let mut output = failsafe.stop(history, monotonic_us());
@@ -76,15 +82,21 @@ impl Sender {
     }
 
     fn step(&mut self, history: &mut History) -> u64 {
-        let failsafe = self.failsafe();
+        let (failsafe, now_us, operator) = (self.failsafe(), monotonic_us(), &self.counters.traffic.operator);
+        let is_driven = now_us < operator.driven_until_us.load(Relaxed);
+        operator.is_driven.store(is_driven, Relaxed);
         let is_new = self.news.update();
         let news = is_new.then(|| self.news.peek_output_buffer());
-        let output = failsafe.update(history, monotonic_us(), news);
+        let puppet = if is_driven { *self.puppet.read() } else { None };
+        let position_mm = history.last().pose.position_mm;
+        let puppet = puppet.map(|pose| Ok((Pose { position_mm, ..pose }, now_us)));
+        history.hears_puppet = puppet.is_some();
+        let output = failsafe.update(history, now_us, puppet.as_ref().or(news));
         let wait_us = self.offer(&output).min(failsafe.wait_us(history));
-        if output.followed {
+        if output.followed && puppet.is_none() {
             self.counters.times.age.record(Duration::from_micros(output.age_us));
         }
-        wait_us
+        if is_driven { wait_us.min(DRIVEN_PERIOD_US) } else { wait_us }
     }
 
     fn failsafe(&self) -> Failsafe {
@@ -93,10 +105,11 @@ impl Sender {
 
     fn offer(&mut self, output: &Output) -> u64 {
         self.counters.set_state(output.state);
+        let is_released = self.counters.traffic.operator.is_released.load(Relaxed);
         let wait_us = self.links.offer(monotonic_us(), output);
+        self.counters.traffic.operator.told_released.store(is_released, Relaxed);
         self.counters.links_open.store(self.links.each().filter(|(_, link)| link.is_open()).count() as u64, Relaxed);
-        let mut links = self.links.each().enumerate();
-        self.refusals.write(links.find_map(|(index, (_, link))| Some((index, link.refusal()?))));
+        self.watched.publish(|| packet(output, 0));
         wait_us
     }
 }
@@ -110,36 +123,38 @@ const LAST_PACKET: Duration = Duration::from_millis(500);
 pub(super) struct Links {
     failsafe: FailsafeSettings,
     rate_hz: u32,
-    links: Vec<(LinkSettings, Option<Link>)>,
+    links: Vec<(LinkSettings, Arc<Panel>, Option<Link>)>,
 }
 
 impl Links {
-    /// Opens the links in `new` that `live` does not have. A host name that does not resolve is an error only for a new
+    /// Opens the links in `new` of which `live` has no panel. A host name that does not resolve is an error only for a new
     /// link that is the only one: the service then has nothing else to do, and its manager starts it again.
-    pub(super) fn change(new: &Settings, live: &[LinkSettings], traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let mut kept: Vec<&LinkKind> = live.iter().map(|link| &link.kind).collect();
-        let links = new.links.iter().map(|settings| {
-            let link = if let Some(index) = kept.iter().position(|kind| **kind == settings.kind) {
-                kept.swap_remove(index);
-                None
-            } else {
-                if new.links.len() == 1 {
-                    Link::resolve(settings)?;
-                }
-                Some(Link::open(settings, traffic)?)
-            };
-            Ok((settings.clone(), link))
-        });
-        let links = links.collect::<Result<_, _>>()?;
+    pub(super) fn change(new: &Settings, mut live: Vec<Arc<Panel>>, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
+        let open = |settings: &LinkSettings| {
+            if let Some(index) = live.iter().position(|panel| panel.kind == settings.kind) {
+                return Ok((settings.clone(), live.remove(index), None));
+            }
+            if new.links.len() == 1 {
+                Link::resolve(settings)?;
+            }
+            let link = Link::open(settings, traffic)?;
+            let panel = Arc::clone(link.panel());
+            Ok((settings.clone(), panel, Some(link)))
+        };
+        let links = new.links.iter().map(open).collect::<Result<_, _>>()?;
         Ok(Self { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links })
+    }
+
+    pub(super) fn panels(&self) -> Vec<Arc<Panel>> {
+        self.links.iter().map(|(_, panel, _)| Arc::clone(panel)).collect()
     }
 
     /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The
     /// other old links send `last`. This neither allocates nor waits.
     fn take_over(&mut self, mut old: Self, last: &Output) {
-        for (settings, link) in self.links.iter_mut().filter(|(_, link)| link.is_none()) {
-            let same = old.links.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
-            *link = same.and_then(|(_, link)| link.take());
+        for (_, panel, link) in self.links.iter_mut().filter(|(.., link)| link.is_none()) {
+            let same = old.links.iter_mut().find(|(_, live, _)| Arc::ptr_eq(live, panel));
+            *link = same.and_then(|(.., link)| link.take());
         }
         old.send_last(last);
         self.each().for_each(|(_, link)| link.refresh());
@@ -157,7 +172,7 @@ impl Links {
         self.each().any(|(_, link)| link.is_held())
     }
 
-    fn send_last(&mut self, output: &Output) {
+    pub(super) fn send_last(&mut self, output: &Output) {
         self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
 
@@ -167,7 +182,7 @@ impl Links {
     }
 
     fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {
-        self.links.iter_mut().filter_map(|(settings, link)| Some((&*settings, link.as_mut()?)))
+        self.links.iter_mut().filter_map(|(settings, _, link)| Some((&*settings, link.as_mut()?)))
     }
 }
 
@@ -179,10 +194,10 @@ pub fn replay<E: From<ServiceError>>(
 ) -> Result<[u64; 2], E> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals().map_err(ServiceError::from)?;
-    let links = Links::change(settings, &[], &counters.traffic).map_err(ServiceError::from)?;
+    let links = Links::change(settings, Vec::new(), &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-    let (changes, refusals) = (mpsc::channel().1, triple_buffer::triple_buffer(&None).0);
-    let sender = Sender { links, changes, news, refusals, counters: Arc::clone(&counters) };
+    let (changes, watched, puppet) = (mpsc::channel().1, observer::channel().0, triple_buffer::triple_buffer(&None).1);
+    let sender = Sender { links, changes, news, puppet, watched, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
     let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
@@ -269,13 +284,60 @@ mod tests {
         packets.map(|packet| (packet.state, packet.reason)).collect()
     }
 
+    /// A sender of servos whose board is away, and whose hot loop is stuck.
+    #[test]
+    fn servos_are_released_within_100_ms_and_a_puppet_that_falls_silent_gives_the_face_back() {
+        let link =
+            "[[link]]\nkind = \"maestro\"\ndevice = \"/dev/away\"\n[[link.channel]]\nsources = { jawOpen = 1.0 }\n";
+        let (settings, counters) = (config::parse("test", link).unwrap(), Arc::<Counters>::default());
+        let links = Links::change(&settings, Vec::new(), &counters.traffic).unwrap();
+        let (panel, operator) = (links.panels().remove(0), Arc::clone(&counters.traffic.operator));
+        let (_stuck, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
+        let ((mut played, puppet), changes) = (triple_buffer::triple_buffer(&None), mpsc::channel().1);
+        let (shown, mut watched) = observer::channel();
+        let sender = Sender { links, changes, news, puppet, watched: shown, counters: Arc::clone(&counters) };
+        let sender = thread::spawn(|| sender.run());
+        let pulse_us = || panel.dials.channels[0].pulse_us.get();
+        let mut release = |is_released| {
+            let begun = Instant::now();
+            operator.is_released.store(is_released, Relaxed);
+            sender.thread().unpark();
+            while operator.told_released.load(Relaxed) != is_released || pulse_us().is_none() != is_released {
+                thread::yield_now();
+            }
+            begun.elapsed()
+        };
+        let mut took: Vec<_> = [true, false].into_iter().cycle().take(21).map(&mut release).collect();
+        took.sort();
+        // The machine may be busy now and then.
+        assert!(took[10] < Duration::from_millis(100), "{took:?}");
+
+        watched.ask(true);
+        let mut pose = Pose::NEUTRAL;
+        pose.coefficients[17] = 0.5;
+        played.write(Some(pose));
+        let mut until = |want: (State, f32), keeps_on: bool| {
+            while !watched.newest().is_some_and(|packet| (packet.state, packet.coefficients[17]) == want) {
+                let until_us = if keeps_on { monotonic_us() + 400_000 } else { operator.driven_until_us.load(Relaxed) };
+                operator.driven_until_us.store(until_us, Relaxed);
+                thread::yield_now();
+            }
+        };
+        until((State::Live, 0.5), true);
+        assert_eq!(pulse_us(), None, "nothing wins over a release");
+        until((State::Neutral, 0.0), false);
+        assert!(!operator.is_driven.load(Relaxed) && release(false) < Duration::from_secs(10));
+        counters.stop();
+        sender.join().unwrap();
+    }
+
     #[test]
     fn the_receiver_of_a_link_that_a_reload_removes_is_shown_the_neutral_face_last_and_no_other_is() {
         let [old, kept, new] = [(); 3].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
         let (before, after) = (settings([&old, &kept]), settings([&kept, &new]));
-        let mut links = Links::change(&before, &[], &Arc::default()).unwrap();
+        let mut links = Links::change(&before, Vec::new(), &Arc::default()).unwrap();
         links.send_last(&test_output(State::Live));
-        let mut change = Links::change(&after, &before.links, &Arc::default()).unwrap();
+        let mut change = Links::change(&after, links.panels(), &Arc::default()).unwrap();
         change.take_over(links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
         change.send_last(&test_output(State::Hold));
         let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));

@@ -1,6 +1,5 @@
 //! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
-use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
@@ -17,6 +16,7 @@ use super::reload::Reloader;
 use crate::capture::monotonic_us;
 use crate::hardware::{self, Hardware, Machine};
 use crate::impairment::{Impairment, ImpairmentSet};
+use crate::link::Panel;
 use crate::retry::LoggedReasons;
 
 const TICK: Duration = Duration::from_millis(50);
@@ -28,7 +28,6 @@ pub(super) struct Supervisor {
     pub(super) counters: Arc<Counters>,
     pub(super) events: Receiver<Event>,
     pub(super) load: Output<Option<Load>>,
-    pub(super) refusal: Output<Option<(usize, i32)>>,
     pub(super) reloader: Reloader,
     pub(super) adaptation: Adaptation,
     pub(super) log: Log,
@@ -86,8 +85,11 @@ impl Supervisor {
     }
 
     fn reload(&mut self) {
-        if self.reloader.preparing.is_none() && self.counters.wants_reload.swap(false, Relaxed) {
-            self.reloader.start();
+        if self.reloader.preparing.is_none() {
+            self.reloader.askers.extend(self.reloader.asked.try_iter());
+            if self.counters.wants_reload.swap(false, Relaxed) || !self.reloader.askers.is_empty() {
+                self.reloader.start();
+            }
         }
         if self.reloader.step() {
             self.lock_memory();
@@ -129,12 +131,8 @@ impl Supervisor {
             return;
         }
         notify(NotifyState::Status(&self.log.status(&self.counters)));
-        let refused =
-            self.refusal.read().and_then(|(index, error)| Some((self.reloader.live.links.get(index)?, error)));
-        let Some((link, error)) = refused else { return self.log.refusals.clear() };
-        let reason = io::Error::from_raw_os_error(error);
-        let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
-        let line = format!("link {link}: the network takes no packets ({reason}); {remedy}");
+        let refused = |panel: &Arc<Panel>| Some(format!("link {}: {}", panel.receiver, panel.refusal()?));
+        let Some(line) = self.counters.panels().iter().find_map(refused) else { return self.log.refusals.clear() };
         if self.log.refusals.is_new(&line) {
             tracing::warn!("{line}");
         }

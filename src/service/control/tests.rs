@@ -4,13 +4,19 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
+use facewire_packet::{State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
+use triple_buffer::{Output as Newest, triple_buffer};
 
 use super::super::observer::{self, Observer};
-use super::client::MAX_LINE;
+use super::client::{ChannelStatus, MAX_LINE};
 use super::*;
 use crate::calibration::test_wearer::{blank_model_file, pose};
 use crate::calibration::{Phase, Refusal, Seen, Take};
+use crate::config;
+use crate::link::{Panel, test_output};
+use crate::service::sender::Links;
+use crate::servo::Board;
 
 /// What the control thread works with, and what a hot loop and a supervisor would hold.
 struct Rig {
@@ -21,6 +27,9 @@ struct Rig {
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotChange>,
     reload: mpsc::Sender<Settings>,
+    shown: Observer<Packet>,
+    reloads: mpsc::Receiver<mpsc::Sender<Reply>>,
+    played: Newest<Option<Pose>>,
 }
 
 impl Rig {
@@ -32,11 +41,14 @@ impl Rig {
         let mut settings = Settings::default();
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
         let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-        let ((changes, told), (reload, reloads)) = (mpsc::channel(), mpsc::channel());
-        let (hot, path) = (Arc::new(Mailbox { changes, thread: thread::current() }), folder.path().join("run/control"));
-        let rings = (observed, recorded);
-        let (server, stop) = Server::new(Some(path), settings, reloads, rings, hot, Arc::default()).unwrap();
-        Self { folder, server, stop, observer, recorder, told, reload }
+        let ((to_hot, told), (reload, changes)) = (mpsc::channel(), mpsc::channel());
+        let ((shown, watched), (asks, reloads)) = (observer::channel(), mpsc::channel());
+        let hot = Arc::new(Mailbox { changes: to_hot, thread: thread::current() });
+        let path = folder.path().join("run/control");
+        let ((puppet, played), sender, counters) = (triple_buffer(&None), thread::current(), Arc::default());
+        let peers = Peers { changes, observed, recorded, watched, hot, sender, puppet, reload: asks, counters };
+        let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
+        Self { folder, server, stop, observer, recorder, told, reload, shown, reloads, played }
     }
 
     fn ask(&mut self, request: Request) -> Answers {
@@ -162,19 +174,27 @@ fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
 
 #[test]
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
-    let mut rig = Rig::new();
-    let _answers = rig.calibrate("anna");
-    let control = rig.server.start().unwrap();
-    let socket = rig.folder.path().join("run/control");
-    while fs::metadata(&socket).is_ok_and(|file| file.permissions().mode() & 0o777 != 0o600) || !socket.exists() {
-        thread::yield_now();
+    for (folder_mode, mode) in [(None, 0o600), (Some(0o710), 0o660), (Some(0o755), 0o600)] {
+        let mut rig = Rig::new();
+        let run = rig.folder.path().join("run");
+        let made = |mode| fs::create_dir(&run).and_then(|()| fs::set_permissions(&run, Permissions::from_mode(mode)));
+        folder_mode.iter().for_each(|mode| made(*mode).unwrap());
+        let _answers = rig.calibrate("anna");
+        let (control, socket) = (rig.server.start().unwrap(), run.join("control"));
+        let mode_of = |path: &std::path::Path| fs::metadata(path).map(|file| file.permissions().mode() & 0o777).ok();
+        while mode_of(&socket) != Some(mode) {
+            thread::yield_now();
+        }
+        assert_eq!(
+            mode_of(&run),
+            folder_mode.or(Some(0o700)),
+            "it belongs to its user, and to a group if that is set up"
+        );
+        drop(rig.stop);
+        control.join().unwrap();
+        rig.observer.publish(|| panic!("nobody wants observations any more"));
+        assert!(!socket.exists() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
     }
-    let mode = fs::metadata(rig.folder.path().join("run")).unwrap().permissions().mode();
-    assert_eq!(mode & 0o777, 0o700, "it belongs to its user alone");
-    drop(rig.stop);
-    control.join().unwrap();
-    rig.observer.publish(|| panic!("nobody wants observations any more"));
-    assert!(!socket.exists() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
 
 #[test]
@@ -254,6 +274,178 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
 }
 
 #[test]
+fn watchers_are_shown_the_newest_packet_and_one_that_does_not_read_holds_up_no_other() {
+    let mut rig = Rig::new();
+    rig.shown.publish(|| panic!("nobody watches"));
+    let (mut first, slow) = (rig.ask(Request::Watch {}), rig.ask(Request::Watch {}));
+    let mut seen = Vec::new();
+    for sequence in 0..4000 {
+        rig.shown.publish(|| Packet { sequence: 1, ..Packet::NEUTRAL });
+        rig.shown.publish(|| Packet { sequence, ..Packet::NEUTRAL });
+        rig.server.watched_at = Some(Instant::now().checked_sub(WATCH_PERIOD).unwrap());
+        rig.server.serve();
+        let Some(Reply::Packet(bytes)) = first.next() else { panic!("{sequence}: no packet") };
+        seen.push(Packet::decode(&BASE64_STANDARD.decode(bytes).unwrap()).unwrap().sequence);
+    }
+    assert!(seen.into_iter().eq(0..4000) && rig.server.clients.iter().any(Client::is_behind));
+    drop((first, slow));
+    rig.server.serve();
+    rig.shown.publish(|| panic!("nobody watches any more"));
+    assert!(rig.server.clients.is_empty());
+}
+
+#[test]
+fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
+    let mut rig = Rig::new();
+    let channels = "[[link.channel]]\nchannel = 3\noffset = 0.25\n[[link.channel]]\nchannel = 1\n";
+    let toml = format!("[[link]]\naddress = \"127.0.0.1:9\"\n[[link]]\nkind = \"pca9685\"\nbus = 255\n{channels}");
+    let (counters, settings) = (&rig.server.peers.counters, config::parse("test", &toml).unwrap());
+    let mut links = Links::change(&settings, Vec::new(), &counters.traffic).unwrap();
+    counters.set_panels(links.panels());
+    links.send_last(&test_output(State::Live));
+    while counters.traffic.packets.load(Relaxed) != 2 || links.panels()[1].trouble().is_none() {
+        thread::yield_now();
+    }
+    let Some(Reply::Status(status)) = rig.ask(Request::Status {}).next() else { panic!("no state") };
+    let [udp, servos] = &*status.links else { panic!("{status:?}") };
+    let counted = (udp.kind.as_str(), udp.sent, udp.trouble.as_deref(), udp.channels.len());
+    assert_eq!((counted, udp.name.as_str()), (("udp", 1, None, 0), "udp 127.0.0.1:9"));
+    assert!(servos.trouble.as_ref().unwrap().contains("no /dev/i2c bus") && !servos.open, "{servos:?}");
+    let shown = |channel: &ChannelStatus| (channel.number, channel.target, channel.position, channel.pulse_us);
+    assert!(servos.channels.iter().map(shown).eq([(1, Some(0.0), Some(0.0), None), (3, Some(0.25), Some(0.25), None)]));
+    assert!(status.metrics.ends_with("# EOF\n") && !status.released && !status.driven);
+}
+
+/// A rig with a servo of no link, and a board of servos at the second link.
+fn rig_with_servos() -> (Rig, Board, Vec<Arc<Panel>>) {
+    let channels = "[[link.channel]]\nchannel = 3\nspeed_per_s = 2.0\nacceleration_per_s2 = 20.0\nsources = { jawOpen = 1.0 }\n\
+                    [[link.channel]]\nchannel = 1\nspeed_per_s = 1.0\n";
+    let links = format!("[[link]]\naddress = \"127.0.0.1:9\"\n[[link]]\nkind = \"pca9685\"\nbus = 255\n{channels}");
+    let (rig, settings) = (Rig::new(), config::parse("test", &links).unwrap());
+    let counters = &rig.server.peers.counters;
+    let panels = Links::change(&settings, Vec::new(), &counters.traffic).unwrap().panels();
+    counters.set_panels(panels.clone());
+    let board = Board::new(settings.links[1].kind.channels().unwrap(), &panels[1].dials);
+    (rig, board, panels)
+}
+
+impl Rig {
+    /// Begins to drive, and returns the connection.
+    fn driver(&mut self) -> UnixStream {
+        let mut answers = self.ask(Request::Drive {});
+        assert_eq!(answers.next(), Some(Reply::Driving(true)));
+        answers.lines.into_inner()
+    }
+
+    /// Does what lines say, and notes whether somebody drives, as the sender does.
+    fn drive(&mut self, far: &mut UnixStream, lines: &str) -> bool {
+        let _ = far.write_all(lines.as_bytes());
+        self.server.drive();
+        self.server.serve();
+        let operator = &self.server.peers.counters.traffic.operator;
+        operator.is_driven.store(monotonic_us() < operator.driven_until_us.load(Relaxed), Relaxed);
+        operator.is_driven.load(Relaxed)
+    }
+}
+
+#[test]
+fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
+    let (mut rig, ..) = rig_with_servos();
+    let mut far = rig.driver();
+    assert!(rig.drive(&mut far, "{\"coefficients\":{\"jawOpen\":2},\"head_deg\":[10,-20,30]}\n"));
+    let pose = rig.played.read().unwrap();
+    let angles_deg = yaw_pitch_roll_deg(pose.rotation).map(f32::round);
+    assert_eq!((angles_deg, pose.coefficients[17]), ([10.0, -20.0, 30.0], 1.0));
+    drop(far);
+    rig.server.drive();
+    far = rig.driver();
+    assert!(!rig.drive(&mut far, "") && rig.played.read().is_none(), "the next one begins with the wearer's face");
+    drop(far);
+    rig.server.drive();
+    let jog = "{\"link\":1,\"channel\":3,\"position\":0.5}\n";
+    for (last, why) in [
+        ("{\"link\":0,\"channel\":3,\"position\":0.5}\n", Some("no servo")),
+        ("{\"link\":1,\"channel\":2,\"position\":0.5}\n", Some("no servo")),
+        ("{\"coefficients\":{\"jawOpened\":1}}\n", Some("no coefficient")),
+        ("{\"link\":1,\"channel\":3,\"position\":0.5,\"speed\":9}\n", Some("not understood")),
+        (&"x".repeat(5000), Some("4096 bytes")),
+        ("{}\n", Some("400 ms")),
+        ("{}\n", None),
+    ] {
+        let mut far = rig.driver();
+        assert!(rig.refused(Request::Drive {}).contains("somebody else"));
+        assert!(rig.drive(&mut far, jog) && rig.drive(&mut far, "{}\n"));
+        if why.is_none() {
+            far.shutdown(std::net::Shutdown::Both).unwrap();
+        } else if last == "{}\n" {
+            rig.server.driver.as_mut().unwrap().since -= 2 * DRIVE_PATIENCE;
+            assert!(!rig.drive(&mut far, ""));
+        }
+        let told = (!rig.drive(&mut far, last)).then(|| Answers::of(far).next()).unwrap();
+        assert!(rig.server.driver.is_none(), "{last}");
+        assert!(why.is_none_or(|why| matches!(told, Some(Reply::Refused(told)) if told.contains(why))), "{last}");
+    }
+}
+
+#[test]
+fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_get_no_pulses() {
+    let ((mut rig, mut board, panels), mut random) = (rig_with_servos(), fastrand::Rng::with_seed(1));
+    let (step, limits) = (Duration::from_millis(20), [(1.0, f32::INFINITY), (2.0, 20.0)]);
+    let (mut now, mut far, mut before) = (Instant::now(), rig.driver(), [(0.0, 0.0); 2]);
+    let (mut driven, mut pulses) = (0, 0);
+    for _ in 0..10_000 {
+        let number = ["0", "1", "-1", "0.5", "1e30", "-1e30", "1e999", "null", "[]", "\"1\""][random.usize(..10)];
+        let line = match random.u32(..8) {
+            0 => "{}".to_owned(),
+            1 => format!("{{\"coefficients\":{{\"jawOpen\":{number}}},\"head_deg\":[{number},0,0]}}"),
+            2 => format!("{{\"head_deg\":[0,{number}]}}"),
+            3 => (0..random.usize(..40)).map(|_| random.char(..)).collect(),
+            _ => format!("{{\"link\":{},\"channel\":{},\"position\":{number}}}", random.u8(..3), random.u8(..5)),
+        };
+        driven += u32::from(rig.drive(&mut far, &format!("{line}\n")));
+        if rig.server.driver.is_none() {
+            far = rig.driver();
+        }
+        let is_released = random.u32(..10) == 0;
+        panels[1].dials.operator.is_released.store(is_released, Relaxed);
+        let puppet = rig.played.read().as_ref().map_or(Packet::NEUTRAL, |pose| Packet {
+            state: State::Live,
+            coefficients: pose.coefficients,
+            rotation: pose.rotation,
+            ..Packet::NEUTRAL
+        });
+        now += step;
+        board.follow(&puppet, now);
+        for ((dial, before), (speed_per_s, acceleration_per_s2)) in
+            panels[1].dials.channels.iter().zip(&mut before).zip(limits)
+        {
+            let position = dial.position.get().unwrap();
+            let speed = (position - before.0) / step.as_secs_f32();
+            let change_per_s = (speed - before.1).abs() / step.as_secs_f32();
+            assert!((0.0..=1.0).contains(&position) && speed.abs() <= speed_per_s * 1.01, "{speed} {line:?}");
+            assert!(is_released || change_per_s <= acceleration_per_s2 * 1.2, "{change_per_s}");
+            *before = (position, if is_released { 0.0 } else { speed });
+            assert_eq!(dial.pulse_us.get().is_none(), is_released);
+            pulses += u32::from(speed != 0.0);
+        }
+    }
+    assert!(driven > 2000 && pulses > 1000, "{driven} {pulses}");
+}
+
+#[test]
+fn who_asks_for_a_reload_waits_for_its_outcome() {
+    let mut rig = Rig::new();
+    let (mut asks, gone) = (rig.ask(Request::Reload {}), rig.ask(Request::Reload {}));
+    drop(gone);
+    rig.server.serve();
+    assert!(asks.next().is_none());
+    let outcome = Reply::Refused("test:1: not valid TOML".to_owned());
+    rig.reloads.try_iter().for_each(|asker| drop(asker.send(outcome.clone())));
+    rig.server.serve();
+    assert!(asks.next() == Some(outcome) && rig.server.clients.is_empty());
+}
+
+#[test]
 fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
     let guide = Guide::new(blank_model_file().to_model().unwrap());
     let (client, _far) = client();
@@ -292,7 +484,7 @@ fn requests_are_lines_that_people_can_type_in_pieces_and_nonsense_and_endless_li
         let (mut client, mut far) = client();
         let (first, last) = line.split_at(4);
         far.write_all(first.as_bytes()).unwrap();
-        assert!(!client.receive().unwrap() && client.request().is_none());
+        assert!(!client.receive().unwrap() && client.request::<Request>().is_none());
         far.write_all(format!("{last}\n").as_bytes()).unwrap();
         client.receive().unwrap();
         match (client.request().unwrap(), want) {

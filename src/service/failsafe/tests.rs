@@ -11,6 +11,27 @@ const SLEW_PER_S: f32 = 4.0;
 const SETTINGS: FailsafeSettings =
     FailsafeSettings { live_ms: 150, hold_ms: 300, neutral_ms: 1000, slew_per_s: SLEW_PER_S };
 
+/// The largest change of the first coefficient from one output to the next, in units of what `slew_per_s` allows.
+fn most_slew(outputs: &[Output], us: u64) -> f32 {
+    let first = |output: &Output| output.pose.coefficients[0];
+    let changes = outputs.windows(2).map(|pair| (first(&pair[1]) - first(&pair[0])).abs());
+    changes.fold(0.0, f32::max) / (SLEW_PER_S * us as f32 * 1e-6)
+}
+
+#[test]
+fn a_puppet_comes_and_goes_without_a_jump_and_the_face_is_then_followed_at_once_again() {
+    let mut run = Run::live(&all(0.2));
+    let mut shown = vec![run.pose_after(FRAME_US, &all(0.2))];
+    for (hears_puppet, value) in [(true, 1.0), (true, 0.5), (false, 0.2)] {
+        run.history.hears_puppet = hears_puppet;
+        shown.extend((0..30).map(|_| run.pose_after(FRAME_US, &all(value))));
+        assert_eq!(shown.last().unwrap().pose.coefficients[0], value);
+    }
+    assert!(shown.iter().all(|output| output.state == State::Live));
+    assert!((0.99..1.01).contains(&most_slew(&shown, FRAME_US)), "{}", most_slew(&shown, FRAME_US));
+    assert_eq!(run.pose_after(FRAME_US, &all(0.9)).pose.coefficients[0], 0.9);
+}
+
 struct Run {
     failsafe: Failsafe,
     history: History,

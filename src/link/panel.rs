@@ -1,0 +1,67 @@
+//! What a link shows of itself while it runs.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::config::{LinkKind, LinkSettings};
+use crate::servo::{Dials, Operator};
+
+/// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
+#[derive(Debug, Default)]
+pub struct Traffic {
+    pub packets: AtomicU64,
+    pub sent: AtomicU64,
+    pub dropped: AtomicU64,
+    pub operator: Arc<Operator>,
+}
+
+/// What the sender, the threads of a link and the control thread know of it. The sender never takes the lock.
+#[derive(Debug, Default)]
+pub struct Panel {
+    pub kind: LinkKind,
+    pub receiver: String,
+    pub sent: AtomicU64,
+    pub dropped: AtomicU64,
+    pub is_open: AtomicBool,
+    /// The system's error number if the network refused the last message, or else 0.
+    pub refusal: AtomicI32,
+    trouble: Mutex<Option<String>>,
+    pub dials: Arc<Dials>,
+    pub all: Arc<Traffic>,
+}
+
+impl Panel {
+    pub(super) fn new(settings: &LinkSettings, all: &Arc<Traffic>) -> Arc<Self> {
+        let (kind, receiver, all) = (settings.kind.clone(), settings.to_string(), Arc::clone(all));
+        let channels = kind.channels().map_or(&[][..], Vec::as_slice);
+        let dials = Arc::new(Dials::new(channels, &all.operator));
+        Arc::new(Self { kind, receiver, dials, all, ..Self::default() })
+    }
+
+    pub(super) fn count(&self, is_sent: bool) {
+        let counters = if is_sent { [&self.sent, &self.all.sent] } else { [&self.dropped, &self.all.dropped] };
+        for counter in counters {
+            counter.fetch_add(1, Relaxed);
+        }
+    }
+
+    /// Notes the present trouble of the device or the host, or that there is none any more.
+    pub(super) fn note(&self, trouble: Option<&str>) {
+        *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble.map(str::to_owned);
+    }
+
+    /// What the log says about packets that the network refuses.
+    pub fn refusal(&self) -> Option<String> {
+        let error = Some(self.refusal.load(Relaxed)).filter(|error| *error != 0)?;
+        let (reason, remedy) = (io::Error::from_raw_os_error(error), "IPAddressAllow in the unit");
+        Some(format!(
+            "the network takes no packets ({reason}); check this machine's cable or Wi-Fi, the address, and {remedy}"
+        ))
+    }
+
+    /// The last trouble since the device was opened, or since the host was found.
+    pub fn trouble(&self) -> Option<String> {
+        self.refusal().or_else(|| self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+}

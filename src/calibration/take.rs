@@ -53,9 +53,8 @@ macro_rules! takes {
             /// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is
             /// computed.
             ///
-            /// A typical reading is the mean over 20 rendered people who show 75 to 100 % of the expression. The powers
-            /// have the least mean squared error over 20 s of recorded expressions; either half of the people alone gives
-            /// them within 0.25.
+            /// `fit/poses.py` finds both from rendered people who show 75 to 100 % of the expression. Most people's strong
+            /// and weak poses differ by chance, so that the power is small or 0, except for lids, which are to close.
             fn typical(self) -> (f32, f32) {
                 match self { $( Self::$take => $typical, )* }
             }
@@ -67,25 +66,25 @@ takes! {
     Neutral "neutral": "Look into the camera with your face at rest and your mouth closed", [],
         threshold 0.0, lids f32::INFINITY, typical (1.0, 0.0);
     EyesShut "eyes-shut": "Shut both eyes, count to three, and open them again", LIDS,
-        threshold 0.45, lids f32::INFINITY, typical (0.79, 1.0);
+        threshold 0.45, lids f32::INFINITY, typical (0.82, 1.0);
     JawOpen "jaw-open": "Open your mouth wide", ["jawOpen"],
         threshold 0.3, lids 0.5, typical (1.0, 0.0);
     BrowsUp "brows-up": "Raise your eyebrows", ["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
         threshold 0.25, lids 0.5, typical (1.0, 0.0);
     BrowsDown "brows-down": "Draw your eyebrows down, as if in anger", ["browDownLeft", "browDownRight"],
-        threshold 0.25, lids 0.8, typical (0.36, 0.5);
+        threshold 0.25, lids 0.8, typical (0.28, 0.25);
     Smile "smile": "Smile as widely as you can", ["mouthSmileLeft", "mouthSmileRight"],
         threshold 0.25, lids 0.8, typical (1.0, 0.0);
     Pucker "pucker": "Pucker your lips, as if for a kiss", ["mouthPucker"],
         threshold 0.25, lids 0.5, typical (1.0, 0.0);
     LookLeft "look-left": "Look to your left with your eyes alone", ["eyeLookOutLeft", "eyeLookInRight"],
-        threshold 0.3, lids 0.5, typical (0.71, 0.5);
+        threshold 0.3, lids 0.5, typical (0.83, 0.25);
     LookRight "look-right": "Look to your right with your eyes alone", ["eyeLookInLeft", "eyeLookOutRight"],
-        threshold 0.3, lids 0.5, typical (0.71, 0.5);
+        threshold 0.3, lids 0.5, typical (0.83, 0.25);
     LookUp "look-up": "Look up with your eyes alone", ["eyeLookUpLeft", "eyeLookUpRight"],
-        threshold 0.2, lids 0.5, typical (0.37, 0.75);
+        threshold 0.2, lids 0.5, typical (0.57, 0.25);
     LookDown "look-down": "Look down with your eyes alone", ["eyeLookDownLeft", "eyeLookDownRight"],
-        threshold 0.2, lids 0.8, typical (0.52, 0.25);
+        threshold 0.2, lids 0.8, typical (0.56, 0.25);
 }
 
 impl Take {

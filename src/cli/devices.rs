@@ -4,28 +4,61 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+use serde_json::{Value, json};
 use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print};
-use crate::capture::v4l2::{Camera, cameras};
-use crate::link::is_maestro;
+use crate::capture::v4l2::{Camera, Found, cameras};
+use crate::config::AutoDevice;
+use crate::link::auto_device;
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 
-pub fn run() -> Result<(), Failure> {
+#[derive(Debug, Serialize)]
+struct Port {
+    path: String,
+    name: String,
+    stable_paths: Vec<PathBuf>,
+    /// Vendor and product.
+    usb: Option<[String; 2]>,
+    /// The kind of link for which `device = "auto"` would choose it.
+    kind: Option<&'static str>,
+    #[serde(skip)]
+    is_maestro: bool,
+}
+
+pub fn run(as_json: bool) -> Result<(), Failure> {
     let found = cameras();
+    let ports = serialport::available_ports().unwrap_or_default();
+    let ports: Vec<Port> = ports.iter().map(|port| Port::new(port, &PORT_LINKS)).collect();
+    if as_json {
+        return print(&format!("{:#}\n", listed(&found, &ports)));
+    }
     let mut text: String = found.cameras.iter().map(camera_lines).collect();
     if found.cameras.is_empty() {
         text += "no camera\n";
     }
     text.extend(found.refused.iter().map(|refused| format!("not examined: {refused}\n")));
-    let ports = serialport::available_ports().unwrap_or_default();
-    text.extend(ports.iter().map(|port| port_lines(port, &PORT_LINKS)));
+    text.extend(ports.iter().map(Port::lines));
     if ports.is_empty() {
         text += "no serial port\n";
     }
     print(&text)
+}
+
+fn listed(found: &Found, ports: &[Port]) -> Value {
+    let camera = |camera: &Camera| {
+        let modes: Vec<String> = camera.modes.iter().map(ToString::to_string).collect();
+        let (path, name, driver) = (&camera.node, &camera.card, &camera.driver);
+        json!({ "path": path, "stable_paths": camera.links, "name": name, "driver": driver, "modes": modes })
+    };
+    let cameras: Vec<Value> = found.cameras.iter().map(camera).collect();
+    let not_examined: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
+    // What is connected to a bus is not asked: some chips take any question for a command.
+    let buses: Vec<u32> = (0..256).filter(|bus| Path::new(&format!("/dev/i2c-{bus}")).exists()).collect();
+    json!({ "cameras": cameras, "not_examined": not_examined, "serial_ports": ports, "i2c_buses": buses })
 }
 
 fn camera_lines(camera: &Camera) -> String {
@@ -38,22 +71,34 @@ fn camera_lines(camera: &Camera) -> String {
     text
 }
 
-fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> String {
-    let kind = match &port.port_type {
-        SerialPortType::UsbPort(usb) => usb.product.clone().unwrap_or_else(|| "USB".to_owned()),
-        SerialPortType::PciPort | SerialPortType::BluetoothPort | SerialPortType::Unknown => "UART".to_owned(),
-    };
-    let mut text = format!("serial port {} ({kind})\n", port.port_name);
-    let links: Vec<_> =
-        link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())).collect();
-    text.extend(links.iter().map(|link| format!("  stable path {}\n", link.display())));
-    if matches!(&port.port_type, SerialPortType::UsbPort(usb) if is_maestro(usb.vid, usb.pid)) {
-        text += match links.iter().any(|link| link.to_string_lossy().ends_with("-if00")) {
-            true => "  takes commands: kind = \"maestro\"\n",
-            false => "  takes no commands: its first port does\n",
+impl Port {
+    fn new(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Self {
+        let usb = if let SerialPortType::UsbPort(usb) = &port.port_type { Some(usb) } else { None };
+        let (path, node) = (port.port_name.clone(), Path::new(&port.port_name));
+        let stable_paths: Vec<_> = link_folders.iter().flat_map(|folder| links_to(node, folder.as_ref())).collect();
+        let name = usb.map_or("UART", |usb| usb.product.as_deref().unwrap_or("USB")).to_owned();
+        let board = usb.and_then(|usb| auto_device((usb.vid, usb.pid)));
+        let is_first = stable_paths.iter().any(|link| link.to_string_lossy().ends_with("-if00"));
+        let kind = match board {
+            Some(AutoDevice::Maestro) => is_first.then_some("maestro"),
+            Some(AutoDevice::Microcontroller) => Some("serial"),
+            None => None,
         };
+        let usb = usb.map(|usb| [usb.vid, usb.pid].map(|number| format!("{number:04x}")));
+        Self { path, name, stable_paths, usb, kind, is_maestro: board == Some(AutoDevice::Maestro) }
     }
-    text
+
+    fn lines(&self) -> String {
+        let mut text = format!("serial port {} ({})\n", self.path, self.name);
+        text.extend(self.stable_paths.iter().map(|link| format!("  stable path {}\n", link.display())));
+        if self.is_maestro {
+            text += match self.kind {
+                Some(_) => "  takes commands: kind = \"maestro\"\n",
+                None => "  takes no commands: its first port does\n",
+            };
+        }
+        text
+    }
 }
 
 fn links_to(port: &Path, folder: &Path) -> BTreeSet<PathBuf> {
@@ -76,17 +121,29 @@ mod tests {
         let (serial_number, manufacturer, product) = (None, None, None);
         let maestro = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
         let maestro = SerialPortType::UsbPort(maestro);
+        let usb = ["1ffb", "0089"];
         let cases = [
-            ("usb-Head_0001", SerialPortType::Unknown, "UART", ""),
-            ("usb-Pololu-if00", maestro.clone(), "USB", "  takes commands: kind = \"maestro\"\n"),
-            ("usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n"),
+            ("usb-Head_0001", SerialPortType::Unknown, "UART", "", json!([null, null])),
+            (
+                "usb-Pololu-if00",
+                maestro.clone(),
+                "USB",
+                "  takes commands: kind = \"maestro\"\n",
+                json!(["maestro", usb]),
+            ),
+            ("usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n", json!([null, usb])),
         ];
-        for (link, port_type, kind, last) in cases {
+        for (link, port_type, kind, last, in_json) in cases {
             let (port_name, link) = (folder.path().join(link).display().to_string(), links.join(link));
             fs::write(&port_name, "").unwrap();
             symlink(&port_name, &link).unwrap();
             let want = format!("serial port {port_name} ({kind})\n  stable path {}\n{last}", link.display());
-            assert_eq!(port_lines(&SerialPortInfo { port_name, port_type }, &[&links, &absent]), want);
+            let port = Port::new(&SerialPortInfo { port_name, port_type }, &[&links, &absent]);
+            assert_eq!(port.lines(), want);
+            let listed = listed(&Found::default(), &[port]);
+            let listed = &listed["serial_ports"][0];
+            assert_eq!(json!([listed["kind"], listed["usb"]]), in_json);
+            assert_eq!(listed["stable_paths"], json!([link]));
         }
     }
 }

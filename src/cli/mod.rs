@@ -79,13 +79,20 @@ enum Command {
     },
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]
-    Devices,
+    Devices {
+        /// Print the same, and the I2C buses, as JSON
+        #[arg(long)]
+        json: bool,
+    },
     /// Print every setting with its default, commented out.
     #[command(after_help = DEFAULTS_EXAMPLE)]
     Defaults {
         /// Print only a link of this kind, with all its settings
         #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(config::LinkKind::NAMES))]
         link: Option<String>,
+        /// Print the types, bounds, choices, defaults and comments of all settings as JSON Schema
+        #[arg(long, conflicts_with = "link")]
+        schema: bool,
     },
 }
 
@@ -149,8 +156,9 @@ impl Command {
             }
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check { settings, settings_only } => check::run(&settings, settings_only),
-            Self::Devices => devices::run(),
-            Self::Defaults { link } => {
+            Self::Devices { json } => devices::run(json),
+            Self::Defaults { schema: true, .. } => print(&format!("{}\n", config::schema())),
+            Self::Defaults { link, .. } => {
                 let link = link.and_then(|kind| config::default_link(&kind));
                 print(link.as_deref().unwrap_or(config::DEFAULTS))
             }

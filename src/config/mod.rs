@@ -7,6 +7,7 @@
 
 mod link;
 mod overlay;
+mod schema;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -16,6 +17,7 @@ use std::path::Path;
 
 pub use link::*;
 pub use overlay::Faults;
+pub use schema::schema;
 pub use settings::*;
 pub(crate) use value::quoted;
 pub use value::{Address, Choice, JsonTarget, Listen, Parameters, Scene, Script, SerialDevice};

@@ -3,6 +3,7 @@
 
 use facewire_face::BLENDSHAPES;
 
+use super::schema::{expected, keys};
 use super::*;
 
 /// A file that uses every key.
@@ -23,20 +24,11 @@ fn uncommented(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-/// The keys of the table under these headings: those that are named beside an unknown one.
-fn keys(headings: &str) -> Vec<String> {
-    let faults = faults(&format!("{headings}\"?\" = 1\n"));
-    let (_, keys) = faults.lines().find_map(|fault| fault.split_once("; there are ")).unwrap();
-    keys.split(", ").map(str::to_owned).collect()
-}
-
 /// Checks that the text of a table explains every key, with the values that it takes.
 fn assert_explained(headings: &str, text: &str) {
     for key in keys(headings).iter().filter(|key| !BLENDSHAPES.contains(&key.as_str())) {
         assert!(text.contains(&format!("\n{key} = ")) || text.contains(&format!("[[link.{key}]]")), "{headings}{key}");
-        let faults = faults(&format!("{headings}{key} = []\n"));
-        let fault = faults.lines().find_map(|fault| fault.split_once(&format!("{key} = []: give ")));
-        if let Some((_, expected)) = fault.filter(|(_, expected)| *expected != "a table") {
+        if let Some(expected) = expected(headings, key).filter(|expected| expected != "a table") {
             let explained = format!("# Takes {expected}.\n{key} = ");
             assert!(text.contains(&explained), "{headings}{explained}");
         }
@@ -84,6 +76,39 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         }
         assert_eq!(parse("link", &text).unwrap().links, [want], "{text}");
     }
+}
+
+#[test]
+fn the_schema_has_every_setting_with_its_type_bounds_choices_unit_default_and_comment() {
+    let schema = schema();
+    let at = |path: &str| schema.pointer(path).unwrap_or_else(|| panic!("{path}: {schema:#}"));
+    let kind = |name: &str| LinkKind::NAMES.iter().position(|kind| *kind == name).unwrap();
+    let link = |name: &str, rest: &str| format!("/properties/link/items/oneOf/{}{rest}", kind(name));
+    let (fps, channel) = (at("/properties/camera/properties/fps"), at("/$defs/channel/properties"));
+    let typed = ["type", "minimum", "maximum", "unit", "default"].map(|key| fps[key].clone());
+    assert_eq!(typed, ["integer".into(), 1.into(), 240.into(), "1/s".into(), 30.into()] as [serde_json::Value; 5]);
+    assert_eq!(fps["description"], "Frame rate.");
+    assert_eq!(at("/properties/board/default"), "auto");
+    assert!(at("/properties/smoothing/properties/jaw/enum").as_array().unwrap().contains(&"one-euro".into()));
+    assert_eq!(at(&link("pca9685", "/properties/kind/const")), "pca9685");
+    assert_eq!(at(&link("pca9685", "/properties/address/default")), 64);
+    assert_eq!(at(&link("maestro", "/properties/channel/items/$ref")), "#/$defs/channel");
+    assert_eq!(
+        (&channel["sources"]["properties"]["headYaw"]["maximum"], &channel["loss"]["default"]),
+        (&10.0.into(), &"neutral".into())
+    );
+    assert_eq!(at("/$defs/adjust/properties/jawOpen/$ref"), "#/$defs/coefficient");
+    assert_eq!(
+        (at("/$defs/coefficient/properties/gain/maximum"), at("/$defs/adjust/properties/mirror/type")),
+        (&10.0.into(), &"boolean".into())
+    );
+    let text = schema.to_string();
+    assert!(!text.contains("\"minimum\":null") && !text.contains("\"default\":null"), "{text}");
+    let explained = keys("").iter().filter(|key| *key != "link" && *key != "adjust").all(|key| {
+        let table = at(&format!("/properties/{key}"));
+        table["properties"].as_object().is_none_or(|keys| keys.values().all(|it| it["description"].is_string()))
+    });
+    assert!(explained, "{schema:#}");
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub(crate) use self::output::towards;
 pub use self::output::{Output, Pace};
 pub use self::panel::{Panel, Traffic};
 use self::serial::PortClaim;
-pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
+pub use self::serial::{PortSearch, auto_device, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
 use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 

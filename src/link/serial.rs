@@ -32,7 +32,7 @@ use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
 use self::board::restarts_board;
-pub use self::board::{PortSearch, is_maestro};
+pub use self::board::{PortSearch, auto_device};
 use super::background::{Background, Device};
 use super::maestro::{self, ANSWER_BYTES};
 use super::{LinkError, LinkErrorKind, Panel};

@@ -28,7 +28,7 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 pub use self::mode::{PixelFormat, Wish};
-pub use self::probe::{Camera, cameras};
+pub use self::probe::{Camera, Found, cameras};
 
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};

@@ -42,11 +42,7 @@ const MODEM_CHIPS: [Numbers; 2] = [(0x1a86, 0x55d3), (0x1a86, 0x55d4)];
 const REPLACE_AFTER: Duration = Duration::from_secs(30);
 
 /// The numbers of a USB device: vendor and product.
-type Numbers = (u16, u16);
-
-pub fn is_maestro(vendor: u16, product: u16) -> bool {
-    MAESTROS.contains(&(vendor, product))
-}
+pub type Numbers = (u16, u16);
 
 /// Whether opening this port restarts the board behind it, if DTR was low.
 pub fn restarts_board(device: &Path) -> bool {
@@ -161,7 +157,8 @@ fn sorted(mut ports: Vec<(PathBuf, Numbers)>, wanted: AutoDevice) -> [Vec<PathBu
     [boards, others].map(|ports| ports.into_iter().map(|(path, _)| path).collect())
 }
 
-fn auto_device(numbers: Numbers) -> Option<AutoDevice> {
+/// Which kind of board this device is, if it is one.
+pub fn auto_device(numbers: Numbers) -> Option<AutoDevice> {
     let (vendor, product) = numbers;
     let is_board = VENDORS.contains(&vendor) && !PROBES.contains(&numbers) || (vendor, product >> 4) == TEENSY;
     if MAESTROS.contains(&numbers) {

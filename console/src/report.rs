@@ -24,6 +24,7 @@ pub async fn write(console: &Console) -> String {
         .lines()
         .find_map(|line| line.strip_prefix("PRETTY_NAME="))
         .unwrap_or_default()
+        .trim_matches('"')
         .to_owned();
     let mut names: Vec<String> =
         nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok()).into_iter().collect();
@@ -32,8 +33,10 @@ pub async fn write(console: &Console) -> String {
         let wearers = reply.pointer("/wearers/wearers").and_then(Value::as_array).into_iter().flatten();
         names.extend(wearers.filter_map(|wearer| wearer.get("wearer")?.as_str().map(str::to_owned)));
     }
+    names.extend(hosts(&text));
     if let Some(service) = status.get_mut("service").and_then(Value::as_object_mut) {
         service.remove("wearer");
+        service.remove("config");
     }
     let parts = [
         ("versions", format!("facewire-console {}\nfacewire {}", env!("CARGO_PKG_VERSION"), version(console).await)),
@@ -48,6 +51,14 @@ pub async fn write(console: &Console) -> String {
     ];
     let parts = parts.map(|(head, text)| format!("== {head}\n{}\n", without_names(text.trim(), &names)));
     parts.join("\n")
+}
+
+/// The hosts to which links send, which the names of links and the log contain.
+fn hosts(text: &str) -> Vec<String> {
+    let values = crate::settings::values(text);
+    let links = values.get("link").and_then(Value::as_array).into_iter().flatten();
+    let addresses = links.filter_map(|link| link.get("address")?.as_str());
+    addresses.filter_map(|address| Some(address.rsplit_once(':')?.0.to_owned())).collect()
 }
 
 async fn version(console: &Console) -> String {
@@ -78,7 +89,12 @@ async fn log() -> String {
 
 /// Replaces network addresses and these names.
 fn without_names(text: &str, names: &[String]) -> String {
-    let is_name = |word: &str| names.iter().any(|name| name == word);
+    // A host may have its port behind it.
+    let is_name = |word: &str| {
+        names
+            .iter()
+            .any(|name| word.strip_prefix(name.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with(':')))
+    };
     let is_address = |word: &str| word.parse::<IpAddr>().is_ok() || word.parse::<SocketAddr>().is_ok();
     let is_part = |c: char| c.is_alphanumeric() || "._-:[]%".contains(c);
     let mut result = String::new();
@@ -111,6 +127,13 @@ mod tests {
         let names = ["anna".to_owned(), "desk".to_owned()];
         let want = "wearer NAME link to ADDRESS and ADDRESS, host NAME ADDRESS at 12:30:05 jawOpen=0.5";
         assert_eq!(without_names(text, &names), want);
+    }
+
+    #[test]
+    fn hosts_of_links_are_names() {
+        let text = "[[link]]\nkind = \"udp\"\naddress = \"studio.example:5252\"\n[[link]]\nkind = \"maestro\"\n";
+        assert_eq!(hosts(text), ["studio.example"]);
+        assert_eq!(without_names("cannot resolve studio.example:5252: gone", &hosts(text)), "cannot resolve NAME gone");
     }
 
     #[test]

@@ -91,7 +91,12 @@ fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failu
             Reply::Progress(progress) => show(&progress, &mut shown)?,
             Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
             Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
-            Reply::Frame(_) | Reply::Lost(_) | Reply::Packet(_) | Reply::Status(_) | Reply::Driving(_) => {}
+            Reply::Frame(_)
+            | Reply::Lost(_)
+            | Reply::Packet(_)
+            | Reply::Status(_)
+            | Reply::Driving(_)
+            | Reply::Picture(_) => {}
             Reply::Done(sentence) => return print(&format!("{sentence}\n")),
             Reply::Refused(sentence) => return Err(Failure::failed(sentence)),
         }

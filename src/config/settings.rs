@@ -27,6 +27,7 @@ section! {
         hardware: HardwareSettings = HardwareSettings::default(), table;
         adaptation: AdaptationSettings = AdaptationSettings::default(), table;
         metrics: MetricsSettings = MetricsSettings::default(), table;
+        console: ConsoleSettings = ConsoleSettings::default(), table;
         log: LogSettings = LogSettings::default(), table;
     }
 
@@ -94,6 +95,7 @@ section! {
 
     AdaptationSettings { enabled: bool = true, flag(); }
     MetricsSettings { listen: Listen = Listen::Off, listen(); }
+    ConsoleSettings { picture: bool = false, flag(); }
     LogSettings { level: LevelFilter = LevelFilter::INFO, choice(); }
 }
 

@@ -27,19 +27,20 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use triple_buffer::Input;
 
-use self::client::{Client, Drive, LinkStatus, Reply, Request, Role, Speaks, Status};
+use self::client::{Client, Drive, LinkStatus, PictureHead, Reply, Request, Role, Speaks, Status};
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::metrics;
 use super::observer::Observed;
+use super::picture::{self, Asker, Snapshot};
 use super::reload::Mailbox;
 use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_hash};
 use crate::capture::monotonic_us;
-use crate::config::{Listen, Settings, WearerSettings};
+use crate::config::{ConsoleSettings, Listen, Settings, WearerSettings};
 use crate::listener::Listener;
 use crate::pipeline::{is_same_profile, load_model, load_profile};
 use crate::recording::Recorded;
-use facewire_face::Profile;
+use facewire_face::{Landmarks, Profile};
 
 /// Number of clients at a time at each door. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 16;
@@ -66,6 +67,8 @@ const DRIVE_PATIENCE: Duration = Duration::from_millis(400);
 const WATCH_PERIOD: Duration = Duration::from_micros(16_666);
 /// The mode of a runtime directory whose group may use the socket.
 const SHARED_FOLDER: u32 = 0o710;
+/// The size of a picture for which memory is taken at first.
+const USUAL_SIZE: [usize; 2] = [640, 480];
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
@@ -136,6 +139,7 @@ pub(super) struct Peers {
     /// Wakes the sender, which obeys the [`Operator`](crate::servo::Operator) and shows the puppet.
     pub(super) sender: Thread,
     pub(super) puppet: Input<Option<Pose>>,
+    pub(super) pictures: picture::Asker,
     /// Takes those who ask for a reload.
     pub(super) reload: mpsc::Sender<mpsc::Sender<Reply>>,
     pub(super) counters: Arc<Counters>,
@@ -166,6 +170,7 @@ impl Server {
         if path.is_none() {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
         }
+        tell_console(&settings.console);
         let (stop_signal, stop) = pipe()?;
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
@@ -229,6 +234,9 @@ impl Server {
             if door.listen != settings.metrics.listen {
                 *door = Door::new(settings.metrics.listen.clone(), Speaks::Http);
             }
+            if settings.console != self.settings.console {
+                tell_console(&settings.console);
+            }
             self.settings = settings;
             if let Some(calibrating) = &self.calibrating
                 && let Ok(model) = load_model(&self.settings.solver)
@@ -253,7 +261,9 @@ impl Server {
             }
             if let Role::Awaits(answer) = &mut client.role {
                 match answer() {
-                    Some(reply) => self.send(client, |client| client.send(&reply)),
+                    Some((reply, bytes)) => {
+                        self.send(client, |client| client.send(&reply).and_then(|()| client.send_bytes(&bytes)));
+                    }
                     None => self.clients.push(client),
                 }
                 continue;
@@ -359,11 +369,22 @@ impl Server {
                 }
                 return;
             }
+            Request::Picture {} if !self.settings.console.picture => {
+                Err("the camera's picture stays in the service unless the settings have picture = true in [console]"
+                    .into())
+            }
+            Request::Picture {} => match picture_of(self.peers.pictures.clone(), USUAL_SIZE) {
+                Some(role) => {
+                    client.role = role;
+                    return self.clients.push(client);
+                }
+                None => Err("too many pictures are asked for: try again when the camera shows some".into()),
+            },
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
                 // If the supervisor has ended, the service stops and closes the connection.
                 let _ = self.peers.reload.send(asker);
-                client.role = Role::Awaits(Box::new(move || answer.try_recv().ok()));
+                client.role = Role::Awaits(Box::new(move || Some((answer.try_recv().ok()?, Vec::new()))));
                 return self.clients.push(client);
             }
         };
@@ -383,7 +404,7 @@ impl Server {
         tracing::info!("{done}, as an operator wants it");
         Role::Awaits(Box::new(move || {
             let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
-            is_told.then(|| Reply::Done(done.to_owned()))
+            is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
         }))
     }
 
@@ -452,6 +473,7 @@ impl Server {
             config: self.config.clone(),
             released: operator.is_released.load(Relaxed),
             driven: operator.is_driven.load(Relaxed),
+            picture: self.settings.console.picture,
             links: counters.panels().iter().map(|panel| LinkStatus::of(panel)).collect(),
         }
     }
@@ -546,6 +568,31 @@ impl Server {
             self.peers.recorded.ask(false);
             self.recording = None;
         }
+    }
+}
+
+/// Waits for a picture, first of at most this size, and then of the size that it has.
+fn picture_of(pictures: Asker, size: [usize; 2]) -> Option<Role> {
+    let mut copied = pictures.ask(size)?;
+    Some(Role::Awaits(Box::new(move || {
+        let copy = copied.try_recv().ok()?;
+        if copy.bytes.is_empty() {
+            copied = pictures.ask(copy.size)?;
+            return None;
+        }
+        let points = |landmarks: Landmarks| landmarks.0.iter().map(|[x, y, _]| [*x, *y]).collect();
+        let ([width, height], landmarks) = (copy.size, copy.landmarks.map(points));
+        let (format, bytes) = (copy.format.to_owned(), copy.bytes.len());
+        let Snapshot { full_range, time_us, .. } = copy;
+        let head = PictureHead { format, width, height, full_range, bytes, time_us, landmarks };
+        Some((Reply::Picture(head), copy.bytes))
+    })))
+}
+
+/// Tells whether programs at the control socket may see what the camera sees.
+fn tell_console(settings: &ConsoleSettings) {
+    if settings.picture {
+        tracing::warn!("programs at the control socket may ask for the camera's picture: console.picture is true");
     }
 }
 

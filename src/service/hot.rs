@@ -16,6 +16,7 @@ use super::camera::{self, OpenCamera};
 use super::counters::{Counters, OPEN_US, WORK_US, wait_us};
 use super::failsafe::News;
 use super::observer::Observer;
+use super::picture::Copier;
 use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
 use super::{Loader, ServiceError};
@@ -43,6 +44,7 @@ pub(super) struct Outlets {
     pub(super) events: mpsc::Sender<Event>,
     pub(super) observer: Observer<Observation>,
     pub(super) recorder: Observer<Recorded>,
+    pub(super) copier: Copier,
 }
 
 /// An event for the log. Threads send events only between frames.
@@ -248,6 +250,7 @@ impl HotLoop {
         watch.frame(frame, processed.face.map(|face| face.landmarks));
         outlets.observer.publish(|| processed.observe(watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
+        outlets.copier.copy(frame, processed.face.map(|face| face.landmarks));
         let Err(Rejected::Infer(error)) = processed.solved else {
             self.engine.ran();
             return Ok(());
@@ -370,7 +373,7 @@ mod tests {
     use super::*;
     use crate::capture::DEMO;
     use crate::pipeline::load_solver;
-    use crate::service::observer;
+    use crate::service::{observer, picture};
     use facewire_face::testing::Scripted;
 
     /// A hot loop without links, the receiver of its events, and its counters.
@@ -378,7 +381,8 @@ mod tests {
         let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
         let (observer, recorder) = (observer::channel().0, observer::channel().0);
         let loads = triple_buffer::triple_buffer(&None).0;
-        let outlets = Outlets { news, wake: thread::current(), loads, events, observer, recorder };
+        let copier = picture::channel().1;
+        let outlets = Outlets { news, wake: thread::current(), loads, events, observer, recorder, copier };
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
         let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());

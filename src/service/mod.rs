@@ -12,6 +12,7 @@ pub mod failsafe;
 mod hot;
 mod metrics;
 mod observer;
+mod picture;
 mod realtime;
 mod reload;
 mod sender;
@@ -107,8 +108,8 @@ pub fn run(
     let (sender_thread, sender) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
     let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-    let wake = sender_thread.thread().clone();
-    let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder };
+    let ((pictures, copier), wake) = (picture::channel(), sender_thread.thread().clone());
+    let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder, copier };
     let profile = profile_of(&settings, &counters);
     let (live, shared) = (settings.clone(), Arc::clone(&counters));
     let for_hot = loader.clone();
@@ -128,6 +129,7 @@ pub fn run(
         sender: to_sender,
         puppet,
         reload,
+        pictures,
         counters: shared,
     };
     let server = Server::new(socket_path(), settings.clone(), config, peers);

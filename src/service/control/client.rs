@@ -58,6 +58,9 @@ pub enum Request {
     /// least every 250 ms. After 400 ms without a line, or when the client closes the connection, the wearer's face is back.
     /// One client at a time can drive.
     Drive {},
+    /// Show the next frame that the camera gives, as [`Reply::Picture`] and the bytes of its rows. Refused unless the setting
+    /// `console.picture` allows it.
+    Picture {},
 }
 
 /// What a client that drives wants from now on. It takes the place of what it wanted before.
@@ -98,9 +101,27 @@ pub enum Reply {
     Packet(String),
     Status(Box<Status>),
     Driving(bool),
+    Picture(PictureHead),
     Done(String),
     /// It cannot be done: one sentence that says why, and what to do.
     Refused(String),
+}
+
+/// What comes before the bytes of a picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PictureHead {
+    /// `yuyv`, `nv12` or `grey`. A picture that was a JPEG image is NV12.
+    pub format: String,
+    pub width: usize,
+    pub height: usize,
+    /// Whether black and white are 0 and 255 rather than 16 and 235.
+    pub full_range: bool,
+    /// How many bytes follow the line.
+    pub bytes: usize,
+    /// When the picture was captured, on the monotonic clock.
+    pub time_us: u64,
+    /// In pixels, if a face was found.
+    pub landmarks: Option<Vec<[f32; 2]>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -114,6 +135,8 @@ pub struct Status {
     /// Whether an operator keeps all servos without pulses, and whether one drives.
     pub released: bool,
     pub driven: bool,
+    /// Whether the settings allow [`Request::Picture`].
+    pub picture: bool,
     /// In the order of the settings.
     pub links: Vec<LinkStatus>,
 }
@@ -181,6 +204,9 @@ pub(super) enum Speaks {
     Http,
 }
 
+/// A reply, and bytes that follow it.
+pub(super) type Answer = (Reply, Vec<u8>);
+
 /// What the service does with a client next.
 pub(super) enum Role {
     /// Hears its request, or waits until it has taken the answer.
@@ -189,7 +215,7 @@ pub(super) enum Role {
     Drives,
     Watches,
     /// Gives it the answer as soon as there is one.
-    Awaits(Box<dyn FnMut() -> Option<Reply> + Send>),
+    Awaits(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
 /// A connection that never blocks. What the client does not take at once waits in `output`.

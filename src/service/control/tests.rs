@@ -4,6 +4,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
+use facewire_face::{Picture, Pixels};
 use facewire_packet::{State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
 use triple_buffer::{Output as Newest, triple_buffer};
@@ -13,6 +14,7 @@ use super::client::{ChannelStatus, MAX_LINE};
 use super::*;
 use crate::calibration::test_wearer::{blank_model_file, pose};
 use crate::calibration::{Phase, Refusal, Seen, Take};
+use crate::capture::{Content, Frame};
 use crate::config;
 use crate::link::{Panel, test_output};
 use crate::service::sender::Links;
@@ -30,6 +32,7 @@ struct Rig {
     shown: Observer<Packet>,
     reloads: mpsc::Receiver<mpsc::Sender<Reply>>,
     played: Newest<Option<Pose>>,
+    copier: picture::Copier,
 }
 
 impl Rig {
@@ -45,10 +48,12 @@ impl Rig {
         let ((shown, watched), (asks, reloads)) = (observer::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: to_hot, thread: thread::current() });
         let path = folder.path().join("run/control");
+        let (pictures, copier) = picture::channel();
         let ((puppet, played), sender, counters) = (triple_buffer(&None), thread::current(), Arc::default());
-        let peers = Peers { changes, observed, recorded, watched, hot, sender, puppet, reload: asks, counters };
+        let peers =
+            Peers { changes, observed, recorded, watched, hot, sender, puppet, reload: asks, pictures, counters };
         let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
-        Self { folder, server, stop, observer, recorder, told, reload, shown, reloads, played }
+        Self { folder, server, stop, observer, recorder, told, reload, shown, reloads, played, copier }
     }
 
     fn ask(&mut self, request: Request) -> Answers {
@@ -430,6 +435,36 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
         }
     }
     assert!(driven > 2000 && pulses > 1000, "{driven} {pulses}");
+}
+
+#[test]
+fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
+    let mut rig = Rig::new();
+    assert!(rig.refused(Request::Picture {}).contains("[console]"));
+    rig.reload(|settings| settings.console.picture = true);
+    let mut asks = rig.ask(Request::Picture {});
+    let (data, mut landmarks) = (vec![7; 1000 * 1000], Landmarks::zero());
+    landmarks.0[1] = [30.0, 40.0, 5.0];
+    let picture = Picture::new(1000, 1000, Pixels::Grey { data: &data, stride: 1000 }, true).unwrap();
+    let frame = Frame { content: Content::Picture(picture), captured_us: 5, number: 0 };
+    let head = loop {
+        rig.copier.copy(&frame, Some(&landmarks));
+        rig.server.serve();
+        if let Some(head) = asks.next() {
+            break head;
+        }
+    };
+    let Reply::Picture(PictureHead { format, width, bytes, time_us, landmarks, .. }) = head else { panic!("{head:?}") };
+    assert_eq!(
+        (format.as_str(), width, bytes, time_us, landmarks.unwrap()[1]),
+        ("grey", 1000, 1_000_000, 5, [30.0, 40.0])
+    );
+    let mut shown = Vec::new();
+    while shown.len() < bytes {
+        let _ = asks.lines.read_to_end(&mut shown);
+        rig.server.serve();
+    }
+    assert!(shown == data && rig.server.clients.is_empty());
 }
 
 #[test]

@@ -1,0 +1,147 @@
+//! The camera's picture for a program at the control socket: the hot loop copies the next one that is asked for, after its
+//! result is on its way, into memory that the control thread has taken for it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use crate::capture::Frame;
+use facewire_face::{Landmarks, Picture, Pixels};
+
+/// Most pictures that wait for the next frame.
+const WAITING: usize = 4;
+
+/// Memory for a picture, and then the picture.
+pub(super) struct Snapshot {
+    pub(super) format: &'static str,
+    pub(super) size: [usize; 2],
+    pub(super) full_range: bool,
+    pub(super) time_us: u64,
+    pub(super) landmarks: Option<Landmarks>,
+    /// The rows without gaps. Empty if there was no room for them.
+    pub(super) bytes: Vec<u8>,
+    pub(super) back: SyncSender<Self>,
+}
+
+/// Who asks for pictures, and who copies them.
+#[derive(Clone)]
+pub(super) struct Asker(Arc<AtomicBool>, SyncSender<Snapshot>);
+pub(super) struct Copier(Arc<AtomicBool>, Receiver<Snapshot>);
+
+pub(super) fn channel() -> (Asker, Copier) {
+    let ((asked, asks), is_asked) = (sync_channel(WAITING), Arc::<AtomicBool>::default());
+    (Asker(Arc::clone(&is_asked), asked), Copier(is_asked, asks))
+}
+
+impl Asker {
+    /// Asks for the picture of the next frame, of at most this size. Returns `None` if too many are asked for.
+    pub(super) fn ask(&self, [width, height]: [usize; 2]) -> Option<Receiver<Snapshot>> {
+        let (back, copied) = sync_channel(1);
+        let bytes = Vec::with_capacity(most_bytes(width, height));
+        let (format, size, full_range, time_us, landmarks) = ("", [0; 2], false, 0, None);
+        self.1.try_send(Snapshot { format, size, full_range, time_us, landmarks, bytes, back }).ok()?;
+        self.0.store(true, Relaxed);
+        Some(copied)
+    }
+}
+
+impl Copier {
+    /// Copies a picture if one is asked for. Neither allocates nor waits.
+    pub(super) fn copy(&self, frame: &Frame, landmarks: Option<&Landmarks>) {
+        if !self.0.load(Relaxed) {
+            return;
+        }
+        let (Some(picture), Ok(mut copy)) = (frame.picture(), self.1.try_recv()) else {
+            return self.0.store(false, Relaxed);
+        };
+        let Picture { width, height, full_range, .. } = *picture;
+        (copy.size, copy.full_range, copy.time_us) = ([width, height], full_range, frame.captured_us);
+        copy.landmarks = landmarks.cloned();
+        if most_bytes(width, height) <= copy.bytes.capacity() {
+            copy.format = write(picture, &mut copy.bytes);
+        }
+        let back = copy.back.clone();
+        let _ = back.try_send(copy);
+    }
+}
+
+fn most_bytes(width: usize, height: usize) -> usize {
+    2 * (width + 1) * (height + 1)
+}
+
+/// Appends the rows of the picture. Returns their format: planar pictures become NV12.
+fn write(picture: &Picture, bytes: &mut Vec<u8>) -> &'static str {
+    let (width, height) = (picture.width, picture.height);
+    let [half_width, half_height] = [width, height].map(|side| side.div_ceil(2));
+    let mut rows = |plane: &[u8], stride: usize, row_bytes: usize, rows: usize| {
+        let rows = plane.chunks(stride).take(rows).filter_map(|row| row.get(..row_bytes));
+        rows.for_each(|row| bytes.extend_from_slice(row));
+    };
+    match picture.pixels {
+        Pixels::Yuyv { data, stride } => {
+            rows(data, stride, 4 * half_width, height);
+            "yuyv"
+        }
+        Pixels::Grey { data, stride } => {
+            rows(data, stride, width, height);
+            "grey"
+        }
+        Pixels::Nv12 { luma, chroma, stride } => {
+            rows(luma, stride, width, height);
+            rows(chroma, stride, 2 * half_width, half_height);
+            "nv12"
+        }
+        Pixels::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift: [x, y] } => {
+            rows(luma, stride, width, height);
+            for row in 0..half_height {
+                let begin = ((2 * row) >> y) * chroma_stride;
+                let places = (0..half_width).map(|column| begin + ((2 * column) >> x));
+                bytes.extend(places.flat_map(|at| [cb, cr].map(|plane| plane.get(at).copied().unwrap_or(128))));
+            }
+            "nv12"
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::{Clip, Content, Source as _};
+
+    #[test]
+    fn a_picture_is_copied_when_it_is_asked_for_and_without_an_allocation() {
+        let ((asker, copier), mut clip) = (channel(), Clip::looped().unwrap());
+        let frame = clip.next().unwrap().unwrap();
+        copier.copy(&frame, None);
+        let (small, fits) = (asker.ask([64, 48]).unwrap(), asker.ask([640, 480]).unwrap());
+        let allocated = allocation_counter::measure(|| (0..3).for_each(|_| copier.copy(&frame, None)));
+        assert_eq!(allocated.count_total, 0);
+        let (small, copy) = (small.try_recv().unwrap(), fits.try_recv().unwrap());
+        assert_eq!((small.size, small.bytes.len()), ([640, 480], 0), "it tells the size for the next time");
+        assert_eq!((copy.format, copy.bytes.len(), copy.time_us), ("nv12", 640 * 480 * 3 / 2, frame.captured_us));
+        let _waiting: Vec<_> = (0..WAITING).map(|_| asker.ask([6, 4]).unwrap()).collect();
+        assert!(asker.ask([6, 4]).is_none());
+    }
+
+    #[test]
+    fn rows_of_every_format_are_copied_without_their_gaps_and_with_the_chroma_of_every_second_pixel() {
+        let data: Vec<u8> = (0..64).collect();
+        let planes = [&data[..], &data[32..], &data[48..]];
+        let planar = |chroma_shift| Pixels::Planar { planes, strides: [4, 4], chroma_shift };
+        for (pixels, want) in [
+            (Pixels::Grey { data: &data, stride: 4 }, ("grey", vec![0, 1, 2, 4, 5, 6])),
+            (Pixels::Yuyv { data: &data, stride: 10 }, ("yuyv", (0..8).chain(10..18).collect())),
+            (
+                Pixels::Nv12 { luma: &data, chroma: &data[32..], stride: 5 },
+                ("nv12", vec![0, 1, 2, 5, 6, 7, 32, 33, 34, 35]),
+            ),
+            (planar([1, 1]), ("nv12", vec![0, 1, 2, 4, 5, 6, 32, 48, 33, 49])),
+            (planar([0, 0]), ("nv12", vec![0, 1, 2, 4, 5, 6, 32, 48, 34, 50])),
+        ] {
+            let (picture, mut bytes) = (Picture::new(3, 2, pixels, true).unwrap(), Vec::new());
+            let content = Content::Picture(picture);
+            let frame = Frame { content, captured_us: 0, number: 0 };
+            assert_eq!((write(frame.picture().unwrap(), &mut bytes), bytes), want);
+        }
+    }
+}

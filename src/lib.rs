@@ -13,7 +13,6 @@ pub mod playback;
 pub mod recording;
 mod retry;
 pub mod service;
-pub mod servo;
 pub mod watch;
 
 #[cfg(test)]

@@ -3,7 +3,10 @@
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
-use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
+use facewire_face::Adjustments;
+use facewire_servo::maestro::Protocol;
+use facewire_servo::pca9685::Period;
+use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources};
 
 use super::overlay::{Entry, Field, Overlay, Section, field, section};
 use super::value::{
@@ -136,20 +139,6 @@ section! {
         rate_hz: u32 = 0, whole(0..=240, " (1/s)");
         loss: Loss = Loss::Neutral, choice();
     }
-
-    ChannelSettings {
-        channel: u32 = 0, whole(0..=23, "");
-        sources: Sources = [0.0; SOURCE_COUNT], table;
-        offset: f32 = 0.0, number(-10.0..=10.0, "");
-        pulse_at_0_us: u32 = 1000, whole(64..=4080, " (microseconds)");
-        pulse_at_1_us: u32 = 2000, whole(64..=4080, " (microseconds)");
-        // Below 0 stands for the position of the neutral face.
-        neutral: f32 = -1.0, number(-1.0..=1.0, "");
-        speed_per_s: f32 = 0.0, number(0.0..=100.0, " (1/s)");
-        acceleration_per_s2: f32 = 0.0, number(0.0..=1000.0, " (1/s²)");
-        dead_zone: f32 = 0.0, number(0.0..=0.2, "");
-        loss: AtLoss = AtLoss::Neutral, choice();
-    }
 }
 
 choices! {
@@ -164,10 +153,7 @@ choices! {
     /// How commands to a Maestro begin: with the command byte, or with 0xAA and the device number.
     pub enum MaestroProtocol: Compact = "compact", Pololu = "pololu"
 }
-choices! {
-    /// What a channel does once the face is lost and the channel is back at neutral. A released servo gets no more pulses.
-    pub enum AtLoss: Neutral = "neutral", Release = "release"
-}
+choices! { AtLoss: Neutral = "neutral", Release = "release" }
 
 fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     channels.extend(entry.each().iter().map(|entry| {
@@ -177,25 +163,20 @@ fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut O
     }));
 }
 
-/// Angles of the head, degrees: yaw to the person's left, pitch upwards, roll to the person's right shoulder.
-const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
-pub const SOURCE_COUNT: usize = COEFFS + ANGLES.len();
-/// The names of all sources: those of the coefficients, then those of the angles.
-pub const SOURCE_NAMES: [&str; SOURCE_COUNT] = {
-    let mut names = [""; SOURCE_COUNT];
-    let (coefficients, angles) = names.split_at_mut(COEFFS);
-    coefficients.copy_from_slice(&BLENDSHAPES);
-    angles.copy_from_slice(&ANGLES);
-    names
-};
-
-/// A number for each source. In the settings of a channel it is how much the source moves the channel: per unit of a
-/// coefficient, and per degree of an angle.
-pub type Sources = [f32; SOURCE_COUNT];
-
-impl ChannelSettings {
-    pub fn used_sources(&self) -> impl Iterator<Item = (&'static str, f32)> {
-        SOURCE_NAMES.into_iter().zip(self.sources).filter(|(_, gain)| *gain != 0.0)
+impl Section for ChannelSettings {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("channel", &mut self.channel, whole(0..=23, "")),
+            field("sources", &mut self.sources, table),
+            field("offset", &mut self.offset, number(-10.0..=10.0, "")),
+            field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, " (microseconds)")),
+            field("pulse_at_1_us", &mut self.pulse_at_1_us, whole(64..=4080, " (microseconds)")),
+            field("neutral", &mut self.neutral, number(-1.0..=1.0, "")),
+            field("speed_per_s", &mut self.speed_per_s, number(0.0..=100.0, " (1/s)")),
+            field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, " (1/s²)")),
+            field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
+            field("loss", &mut self.loss, choice()),
+        ]
     }
 }
 
@@ -241,6 +222,24 @@ impl LinkKind {
             }
             _ => None,
         }
+    }
+}
+
+impl MaestroSettings {
+    pub fn commands(&self) -> Protocol {
+        let pololu = self.pololu_commands();
+        if self.protocol == MaestroProtocol::Pololu { pololu } else { Protocol { device_number: None, ..pololu } }
+    }
+
+    /// The Pololu protocol to this device, whatever the protocol of the link is.
+    pub fn pololu_commands(&self) -> Protocol {
+        Protocol { device_number: u8::try_from(self.device_number).ok(), crc: self.crc }
+    }
+}
+
+impl Pca9685Settings {
+    pub fn period(&self) -> Period {
+        Period::new(self.pulses_hz, self.oscillator_hz)
     }
 }
 

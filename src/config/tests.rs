@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::float_cmp)]
 
 use facewire_face::BLENDSHAPES;
+use facewire_servo::{ChannelSettings, SOURCE_NAMES};
 
 use super::schema::{expected, keys};
 use super::*;

@@ -9,13 +9,14 @@ use facewire_packet::FRAME_BYTES;
 use facewire_packet::formats::LiveLink;
 use facewire_packet::formats::vrchat::PARAMETERS;
 
-use super::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_PER_S};
-use super::pca9685::{CHANNELS, Period};
 use crate::config::{
-    AutoDevice, ChannelSettings, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings,
-    Listen, LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ,
-    SerialDevice, Settings, VrchatSettings, quoted,
+    AutoDevice, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings, Listen,
+    LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ, SerialDevice,
+    Settings, VrchatSettings, quoted,
 };
+use facewire_servo::ChannelSettings;
+use facewire_servo::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_PER_S};
+use facewire_servo::pca9685::CHANNELS;
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
 const LINE_SHARE: u64 = 80;
@@ -46,8 +47,7 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             }
             LinkKind::Pca9685(it) => {
                 check.chip(it);
-                let (longest_pulse_us, last_channel) =
-                    (Period::of(it).longest_pulse_us() as u32, u32::from(CHANNELS) - 1);
+                let (longest_pulse_us, last_channel) = (it.period().longest_pulse_us() as u32, u32::from(CHANNELS) - 1);
                 let board = ServoBoard { name: "PCA9685", last_channel, longest_pulse_us, least_limits: [0.0; 2] };
                 check.servos(&board, &it.channels);
                 let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";

@@ -6,10 +6,11 @@ use std::time::Instant;
 use facewire_packet::Packet;
 use facewire_packet::formats::vrchat::{Form, Group, Parameter};
 use facewire_packet::formats::{IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
+use facewire_servo::maestro::COMMAND_BYTES;
+use facewire_servo::{Board, Dials};
 
-use super::{Output, maestro};
+use super::Output;
 use crate::config::{LinkKind, VrchatSettings};
-use crate::servo::Dials;
 
 /// Encodes a packet in memory that was taken when the link was opened, and calls the last argument once for each message.
 /// The packet is made of the output, whose times do not wrap. Both are as the settings of the link want them: adjusted, and
@@ -36,7 +37,17 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
             let mut format = Vrchat::new(&it.prefix, it.native_eyes, |parameter| form_of(parameter, it));
             Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
-        LinkKind::Maestro(it) => maestro::encoder(it, dials),
+        LinkKind::Maestro(it) => {
+            let (mut board, commands, multiple_targets) =
+                (Board::new(&it.channels, dials), it.commands(), it.multiple_targets);
+            let mut message = Vec::with_capacity(it.channels.len() * COMMAND_BYTES);
+            Box::new(move |packet, _, send| {
+                message.clear();
+                let channels = board.follow(packet, Instant::now());
+                commands.write_targets(channels, multiple_targets, &mut message);
+                send(&message);
+            })
+        }
         LinkKind::IFacialMocap(it) => {
             let mut format = IFacialMocap::new(it.version);
             Box::new(move |packet, _, send| format.encode(packet, send))

@@ -11,7 +11,6 @@ mod check;
 mod encoder;
 mod ifacialmocap;
 mod json;
-pub mod maestro;
 mod output;
 mod panel;
 pub mod pca9685;
@@ -109,7 +108,7 @@ impl Link {
         let device = match &settings.kind {
             LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
             LinkKind::Pca9685(it) => {
-                Some(Background::start(settings, "fw-i2c", pca9685::Servos::new(it, &panel.dials), shared())?)
+                Some(Background::start(settings, "fw-i2c", pca9685::Chip::new(it, &panel.dials), shared())?)
             }
             LinkKind::IFacialMocap(it) => {
                 udp = it.address.as_ref().map(|address| UdpCarrier::open(address, shared())).transpose()?;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::config::{LinkKind, LinkSettings};
-use crate::servo::{Dials, Operator};
+use facewire_servo::{Dials, Operator};
 
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]

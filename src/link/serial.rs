@@ -26,6 +26,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use facewire_servo::Channel;
+use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, errors};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
@@ -34,7 +36,6 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use self::board::restarts_board;
 pub use self::board::{PortSearch, auto_device};
 use super::background::{Background, Device};
-use super::maestro::{self, ANSWER_BYTES};
 use super::{LinkError, LinkErrorKind, Panel};
 use crate::config::{LinkKind, MaestroSettings, SerialDevice};
 use crate::retry::LoggedReasons;
@@ -236,7 +237,7 @@ impl Line {
             let _ = keep_dtr(&port);
         }
         // The end of a frame separates the first frame from leftovers on the line.
-        let preamble = self.maestro.as_ref().map_or(vec![0], maestro::preamble);
+        let preamble = self.maestro.as_ref().map_or(vec![0], preamble);
         let _ = port.tty.write(&preamble);
         (port.since, port.took_at) = (Instant::now(), Instant::now());
     }
@@ -255,18 +256,41 @@ impl Line {
             port.is_asked = false;
             let mut answer = [0; ANSWER_BYTES];
             port.tty.read_exact(&mut answer)?;
-            maestro::errors(answer).for_each(|error| port.warn(error, &self.panel));
+            errors(answer).for_each(|error| port.warn(error, &self.panel));
         } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
             port.is_asked = false;
-            port.warn(maestro::SILENCE, &self.panel);
+            port.warn(SILENCE, &self.panel);
         } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
             (port.is_asked, port.since) = (settings.read_errors, Instant::now());
             let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
-            in_time(port.tty.write(&maestro::question(settings)))?;
+            in_time(port.tty.write(&question(settings)))?;
         }
         Ok(())
     }
+}
+
+/// What a Maestro gets when its port was opened. The question clears old errors, and from its first byte a Maestro
+/// detects the baud rate if it is set to do so, whatever the protocol of the link is. The answer is discarded.
+fn preamble(settings: &MaestroSettings) -> Vec<u8> {
+    let mut out = Vec::new();
+    settings.pololu_commands().write(&mut out, Code::GetErrors, []);
+    write_limits(settings, &mut out);
+    out
+}
+
+/// What a Maestro is told and asked again and again. One whose errors are not read does not answer.
+fn question(settings: &MaestroSettings) -> Vec<u8> {
+    let mut out = Vec::new();
+    write_limits(settings, &mut out);
+    if settings.read_errors {
+        settings.commands().write(&mut out, Code::GetErrors, []);
+    }
+    out
+}
+
+fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
+    settings.channels.iter().map(Channel::new).for_each(|channel| settings.commands().write_limits(&channel, out));
 }
 
 impl Port {

@@ -136,7 +136,7 @@ pub(super) struct Peers {
     pub(super) recorded: Observed<Recorded>,
     pub(super) watched: Observed<Packet>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
-    /// Wakes the sender, which obeys the [`Operator`](crate::servo::Operator) and shows the puppet.
+    /// Wakes the sender, which obeys the [`Operator`](facewire_servo::Operator) and shows the puppet.
     pub(super) sender: Thread,
     pub(super) puppet: Input<Option<Pose>>,
     pub(super) pictures: picture::Asker,

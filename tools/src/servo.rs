@@ -22,9 +22,10 @@ use self::finder::Finder;
 use crate::{Restore, stopped_by};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
 use facewire::config::{AutoDevice, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
-use facewire::link::maestro::{ANSWER_BYTES, Code, Protocol, SILENCE, data, speed, target};
-use facewire::link::pca9685::{Bus, CHANNELS};
+use facewire::link::pca9685::Bus;
 use facewire::link::{PortSearch, lost, open_port};
+use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, data, speed, target};
+use facewire_servo::pca9685::CHANNELS;
 
 /// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
 const RESEND_PERIOD: Duration = Duration::from_millis(200);
@@ -160,12 +161,12 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
 
 fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Failure> {
     let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
-    let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, Protocol::new(settings));
+    let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, settings.commands());
     if settings.read_errors {
         // The question for errors checks that the Maestro answers. Its errors are older than this command, and ignored. A
         // Maestro that detects its baud rate needs a command of the first protocol.
         let mut question = Vec::new();
-        for protocol in [Protocol::pololu(settings), protocol] {
+        for protocol in [settings.pololu_commands(), protocol] {
             protocol.write(&mut question, Code::GetErrors, []);
         }
         let _ = tty.clear(ClearBuffer::Input);

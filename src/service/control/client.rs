@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::calibration::{KeptProfile, Listed, Progress};
 use crate::link::Panel;
 use crate::service::metrics::MAX_REQUEST_BYTES;
-use crate::servo::{Dial, Number};
+use facewire_servo::{Dial, Number};
 
 pub(super) const MAX_LINE: usize = 256;
 /// Longest line of one who drives. All coefficients by their names take half of it.

@@ -18,7 +18,7 @@ use crate::capture::{Content, Frame};
 use crate::config;
 use crate::link::{Panel, test_output};
 use crate::service::sender::Links;
-use crate::servo::Board;
+use facewire_servo::Board;
 
 /// What the control thread works with, and what a hot loop and a supervisor would hold.
 struct Rig {

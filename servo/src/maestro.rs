@@ -1,17 +1,12 @@
 //! Pololu's Maestro: servos by serial commands, by its user's guide (<https://www.pololu.com/docs/0J40>, section 5).
 //!
 //! Contract: each output becomes one message that sets the targets of all channels. The Maestro itself keeps the limits of
-//! speed and acceleration, which are sent whenever the port is opened, and again once a second with the question for its
-//! errors, because a Maestro that restarts after a drop of its supply voltage has forgotten them.
+//! speed and acceleration, which are to be sent whenever the port is opened, and again and again, because a Maestro that
+//! restarts after a drop of its supply voltage has forgotten them.
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
 //! Its units of speed hold for its default period of 20 ms.
 
-use std::sync::Arc;
-use std::time::Instant;
-
-use super::encoder::Encoder;
-use crate::config::{MaestroProtocol, MaestroSettings};
-use crate::servo::{Board, Channel, Dials};
+use crate::Channel;
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
@@ -59,23 +54,11 @@ pub enum Code {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Protocol {
     /// The number of the device, for the Pololu protocol; `None` for the compact one.
-    device_number: Option<u8>,
-    crc: bool,
+    pub device_number: Option<u8>,
+    pub crc: bool,
 }
 
 impl Protocol {
-    pub fn new(settings: &MaestroSettings) -> Self {
-        match settings.protocol {
-            MaestroProtocol::Pololu => Self::pololu(settings),
-            MaestroProtocol::Compact => Self { device_number: None, crc: settings.crc },
-        }
-    }
-
-    /// The Pololu protocol to this device, whatever the protocol of its link is.
-    pub fn pololu(settings: &MaestroSettings) -> Self {
-        Self { device_number: u8::try_from(settings.device_number).ok(), crc: settings.crc }
-    }
-
     /// Appends a command with these data, whose bytes are below 0x80.
     pub fn write(self, out: &mut Vec<u8>, code: Code, data: impl IntoIterator<Item = u8>) {
         let begin = out.len();
@@ -86,6 +69,32 @@ impl Protocol {
         out.extend(data);
         if self.crc {
             out.push(crc(out.get(begin..).unwrap_or_default()));
+        }
+    }
+
+    /// Appends the limits of a channel. A Maestro that restarts forgets them.
+    pub fn write_limits(self, channel: &Channel, out: &mut Vec<u8>) {
+        let (span_us, limits) = (channel.span_us(), channel.limits);
+        let speed = speed(limits.speed_per_s * span_us);
+        let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
+        for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
+            let [low, high] = data(limit);
+            self.write(out, code, [channel.number, low, high]);
+        }
+    }
+
+    /// Appends the targets of channels in the order of their numbers. One command sets neighbours if `multiple_targets`,
+    /// otherwise each channel has its own.
+    pub fn write_targets(self, channels: &[Channel], multiple_targets: bool, out: &mut Vec<u8>) {
+        let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
+        for block in channels.chunk_by(is_next) {
+            let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
+            let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
+            if count == 1 {
+                self.write(out, Code::SetTarget, [first].into_iter().chain(targets));
+            } else {
+                self.write(out, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
+            }
         }
     }
 }
@@ -119,62 +128,9 @@ fn units(limit: f32, most: f32) -> u16 {
     if limit.is_infinite() { 0 } else { limit.floor().clamp(1.0, most) as u16 }
 }
 
-fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
-    for channel in settings.channels.iter().map(Channel::new) {
-        let (span_us, limits) = (channel.span_us(), channel.limits);
-        let speed = speed(limits.speed_per_s * span_us);
-        let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
-        for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
-            let [low, high] = data(limit);
-            Protocol::new(settings).write(out, code, [channel.number, low, high]);
-        }
-    }
-}
-
-/// Returns what to write to a port that has just been opened: the question for errors in the Pololu protocol, whatever the
-/// protocol of the link is, and the limits. The question clears old errors, and from its first byte a Maestro detects the
-/// baud rate if it is set to do so. The answer is discarded.
-pub fn preamble(settings: &MaestroSettings) -> Vec<u8> {
-    let mut out = Vec::new();
-    Protocol::pololu(settings).write(&mut out, Code::GetErrors, []);
-    write_limits(settings, &mut out);
-    out
-}
-
-/// Returns what to ask again and again. A Maestro whose errors are not read does not answer.
-pub fn question(settings: &MaestroSettings) -> Vec<u8> {
-    let mut out = Vec::new();
-    write_limits(settings, &mut out);
-    if settings.read_errors {
-        Protocol::new(settings).write(&mut out, Code::GetErrors, []);
-    }
-    out
-}
-
 pub fn errors(answer: [u8; ANSWER_BYTES]) -> impl Iterator<Item = &'static str> {
     let register = u16::from_le_bytes(answer);
     ERRORS.into_iter().enumerate().filter(move |(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error)
-}
-
-pub fn encoder(settings: &MaestroSettings, dials: &Arc<Dials>) -> Encoder {
-    let (mut board, protocol) = (Board::new(&settings.channels, dials), Protocol::new(settings));
-    let (multiple_targets, mut message) =
-        (settings.multiple_targets, Vec::with_capacity(settings.channels.len() * COMMAND_BYTES));
-    Box::new(move |packet, _, send| {
-        message.clear();
-        // One command sets neighbours if it may set several, otherwise each channel has its own.
-        let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
-        for block in board.follow(packet, Instant::now()).chunk_by(is_next) {
-            let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
-            let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
-            if count == 1 {
-                protocol.write(&mut message, Code::SetTarget, [first].into_iter().chain(targets));
-            } else {
-                protocol.write(&mut message, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
-            }
-        }
-        send(&message);
-    })
 }
 
 #[cfg(test)]

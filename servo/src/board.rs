@@ -1,0 +1,175 @@
+//! The channels of a board together, and what an operator may do with them in place of the face.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::time::Instant;
+
+use facewire_packet::{Packet, State};
+
+use crate::channel::{Channel, ChannelSettings, values};
+
+/// What an operator wants of all servos. The control thread sets it. The sender and the threads of devices obey, whatever
+/// the face does.
+#[derive(Debug, Default)]
+pub struct Operator {
+    /// No servo gets pulses.
+    pub is_released: AtomicBool,
+    /// The value of `is_released` that all links were told last.
+    pub told_released: AtomicBool,
+    /// Until when the last word of the one who drives holds, on the monotonic clock, microseconds.
+    pub driven_until_us: AtomicU64,
+    /// Whether that time has not come yet, as the sender sees it.
+    pub is_driven: AtomicBool,
+}
+
+/// The channels of a board in the order of their numbers, as an operator sees and turns them.
+#[derive(Debug, Default)]
+pub struct Dials {
+    pub channels: Vec<Dial>,
+    pub operator: Arc<Operator>,
+}
+
+impl Dials {
+    pub fn new(settings: &[ChannelSettings], operator: &Arc<Operator>) -> Self {
+        let dial = |channel: &Channel| Dial { number: channel.number, ..Dial::default() };
+        Self { channels: sorted(settings).iter().map(dial).collect(), operator: Arc::clone(operator) }
+    }
+
+    /// Whether an operator keeps the board without pulses, or turns one of its channels.
+    pub fn is_operated(&self) -> bool {
+        let Operator { is_released, is_driven, .. } = &*self.operator;
+        let is_turned = || is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some());
+        !self.channels.is_empty() && (is_released.load(Relaxed) || is_turned())
+    }
+
+    pub fn has(&self, channel: u8) -> bool {
+        self.channels.iter().any(|dial| dial.number == channel)
+    }
+
+    /// Turns this channel alone, or none.
+    pub fn turn(&self, turned: Option<(u8, f32)>) {
+        for dial in &self.channels {
+            dial.jog.set(turned.filter(|(number, _)| *number == dial.number).map(|(_, position)| position));
+        }
+    }
+}
+
+/// A channel: where it goes, where it is by now within its limits, its pulse, and where an operator wants it.
+#[derive(Debug, Default)]
+pub struct Dial {
+    pub number: u8,
+    pub target: Number,
+    pub position: Number,
+    pub pulse_us: Number,
+    jog: Number,
+}
+
+/// A number that threads share, or none.
+#[derive(Debug)]
+pub struct Number(AtomicU32);
+
+impl Default for Number {
+    fn default() -> Self {
+        Self(f32::NAN.to_bits().into())
+    }
+}
+
+impl Number {
+    pub fn get(&self) -> Option<f32> {
+        Some(f32::from_bits(self.0.load(Relaxed))).filter(|number| !number.is_nan())
+    }
+
+    fn set(&self, number: Option<f32>) {
+        self.0.store(number.unwrap_or(f32::NAN).to_bits(), Relaxed);
+    }
+}
+
+/// The channels of a board in the order of their numbers, and when they last moved.
+pub struct Board {
+    pub channels: Vec<Channel>,
+    pub moved_at: Option<Instant>,
+    dials: Arc<Dials>,
+}
+
+fn sorted(settings: &[ChannelSettings]) -> Vec<Channel> {
+    let mut channels: Vec<Channel> = settings.iter().map(Channel::new).collect();
+    channels.sort_by_key(|channel| channel.number);
+    channels
+}
+
+impl Board {
+    pub fn new(settings: &[ChannelSettings], dials: &Arc<Dials>) -> Self {
+        let board = Self { channels: sorted(settings), moved_at: None, dials: Arc::clone(dials) };
+        board.show();
+        board
+    }
+
+    /// Moves the channels with the face, or as the operator wants. While one channel is turned, the others of its board
+    /// go to rest.
+    pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
+        let step_s = self.moved_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
+        let (values, Dials { channels: dials, operator }) =
+            (values(packet.rotation, &packet.coefficients), &*self.dials);
+        let (is_released, is_driven) = (operator.is_released.load(Relaxed), operator.is_driven.load(Relaxed));
+        let jog = |dial: &Dial| dial.jog.get().filter(|_| is_driven);
+        let state = if dials.iter().any(|dial| jog(dial).is_some()) { State::Neutral } else { packet.state };
+        for (index, channel) in self.channels.iter_mut().enumerate() {
+            (channel.jog, channel.is_off) = (dials.get(index).and_then(jog), is_released);
+            channel.step(state, packet.reason, &values, step_s);
+        }
+        self.show();
+        &self.channels
+    }
+
+    fn show(&self) {
+        for (dial, channel) in self.dials.channels.iter().zip(&self.channels) {
+            dial.target.set(Some(channel.target));
+            dial.position.set(Some(channel.motion.position));
+            dial.pulse_us.set(channel.now_us().filter(|_| self.moved_at.is_some()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{AtLoss, channel::tests::valued};
+
+    #[test]
+    fn a_jog_leaves_other_servos_at_rest_and_a_released_board_goes_on_from_where_it_was_left_within_its_limits() {
+        let settings = |channel, loss| {
+            let (sources, speed_per_s, pulse_at_1_us) = (valued(&[("jawOpen", 1.0)]), 1.0, 2000);
+            let rest = ChannelSettings { neutral: 0.2, loss, ..ChannelSettings::default() };
+            ChannelSettings { channel, sources, speed_per_s, pulse_at_1_us, ..rest }
+        };
+        let settings = [settings(3, AtLoss::Neutral), settings(1, AtLoss::Release)];
+        let (operator, mut now) = (Arc::<Operator>::default(), Instant::now());
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut follow = |seconds: u64, jaw_open: f32| {
+            let mut packet = Packet { state: State::Live, ..Packet::NEUTRAL };
+            packet.coefficients[17] = jaw_open;
+            for _ in 0..seconds * 50 {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&packet, now);
+            }
+            board.channels.iter().map(|channel| (channel.target, channel.target_us())).collect::<Vec<_>>()
+        };
+        assert_eq!(follow(2, 1.0), [(1.0, Some(2000.0)); 2]);
+        dials.turn(Some((3, 7.0)));
+        assert_eq!(follow(2, 0.0), [(0.0, Some(1000.0)); 2], "nobody drives");
+        operator.is_driven.store(true, Relaxed);
+        assert!(follow(2, 0.5) == [(0.2, None), (1.0, Some(2000.0))] && dials.is_operated(), "others are at rest");
+        operator.is_released.store(true, Relaxed);
+        assert_eq!(follow(2, 0.0), [(0.2, None), (1.0, None)]);
+        dials.turn(None);
+        assert!(follow(2, 0.0).iter().all(|(_, pulse_us)| pulse_us.is_none()));
+        operator.is_released.store(false, Relaxed);
+        now += std::time::Duration::from_millis(20);
+        let first = board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_us().unwrap();
+        assert!((1979.0..2000.0).contains(&first), "{first}: the first pulse is that of the place where it was left");
+        now += std::time::Duration::from_millis(20);
+        assert_eq!(board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_us(), Some(1000.0));
+        assert!((0.95..0.97).contains(&dials.channels[1].position.get().unwrap()) && !dials.is_operated());
+    }
+}

@@ -1,159 +1,123 @@
-// The page: takes snapshots from the stream, and shows them at the rate of the screen.
+// The frame around all pages: where to go, the state, the stop of all servos, and what everybody must know at once.
 
-import { Bars } from "./bars.js";
-import { Face } from "./face/face.js";
-import { Plot } from "./plot.js";
-import { MOST_ROWS, Recorder } from "./recorder.js";
-import { factsOf, noticeOf, showFacts, showHelp, showState, stateOf } from "./status.js";
-import { connect } from "./stream.js";
+import { html, render, useEffect, useState } from "./vendor/preact.js";
+import { Action } from "./common.js";
+import { DraftBar, restoreLast } from "./draft.js";
+import { Health } from "./health.js";
+import { Links } from "./links.js";
+import { Live } from "./live.js";
+import { Login } from "./login.js";
+import { Recordings } from "./recordings.js";
+import { Servos } from "./servos.js";
+import { Start } from "./start.js";
+import { hasService, loadSession, mayOperate, open, post, store, update, useStore } from "./store.js";
+import { Wearer } from "./wearer.js";
 
-const FIRST_CHOSEN = ["jawOpen", "mouthSmileLeft", "eyeBlinkLeft"];
-// Numbers change 5 times a second, so that people can read them.
-const TEXT_PERIOD_MS = 200;
-// How fast the face returns to neutral in silence: the share of the expression that is left after a second.
-const LEFT_AFTER_A_SECOND = 0.001;
+// The name in the address, the title, the page, and the path of its sign in a square of 24.
+const PAGES = [
+  ["live", "Live", Live, "M12 3a9 9 0 1 0 0 18a9 9 0 1 0 0-18M9 9v2M15 9v2M8 14c2 3 6 3 8 0"],
+  ["start", "Start", Start, "M5 21V4h12l-3 4l3 4H5"],
+  ["servos", "Servos", Servos, "M4 6h16M4 12h16M4 18h16M9 4v4M16 10v4M7 16v4"],
+  ["wearer", "Wearer", Wearer, "M12 4a4 4 0 1 0 0 8a4 4 0 1 0 0-8M4 21c0-9 16-9 16 0"],
+  ["links", "Settings", Links, "M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1"],
+  ["health", "Health", Health, "M3 12h4l3-7l4 14l3-7h4"],
+  ["recordings", "Record", Recordings, "M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16M12 9a3 3 0 1 0 0 6a3 3 0 1 0 0-6"],
+];
 
-const element = (id) => document.getElementById(id);
-const now = () => performance.now();
+const chosen = () => PAGES.find(([name]) => name === location.hash.slice(1))?.[0] ?? "live";
 
-const page = { hello: undefined, snapshot: undefined, arrived: 0, clock: undefined, connection: "open", isPaused: false, isMirrored: false, recorder: undefined };
-const parts = { face: undefined, bars: undefined, plot: undefined };
-const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
-
-function hello(message) {
-  page.connection = "open";
-  // The program may have started again: its times and numbers then begin anew.
-  page.clock = undefined;
-  page.snapshot = undefined;
-  parts.plot?.clear();
-  showHelp(element("help"), message.hint);
-  if (page.hello) return;
-  page.hello = message;
-  parts.plot = new Plot(element("plot"), element("legend"), message.names);
-  parts.bars = new Bars(element("coefficients"), message.names, choose);
-  FIRST_CHOSEN.forEach((name) => choose(message.names.indexOf(name)));
-  page.index = new Map(message.names.map((name, index) => [name, index]));
+function Tabs({ page }) {
+  return html`<nav aria-label="Pages">${PAGES.map(([name, title, , sign]) => html`
+    <a key=${name} href=${`#${name}`} aria-current=${name === page ? "page" : undefined}>
+      <svg viewBox="0 0 24 24" aria-hidden="true"><path d=${sign} /></svg>${title}
+    </a>`)}</nav>`;
 }
 
-function choose(index) {
-  parts.plot.toggle(index);
-  parts.bars.mark(parts.plot.colours);
+const release = (on) => post("servos/release", { on });
+
+// Stops all servos. The button shows that they are stopped as soon as the service says so.
+function Stop() {
+  const [trouble, setTrouble] = useState();
+  const stop = () => release(true).then(() => setTrouble(), (error) => setTrouble(error.message));
+  useEffect(() => {
+    const key = (event) => {
+      if (!mayOperate() || event.repeat || !isStop(event)) return;
+      event.preventDefault();
+      stop();
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+  return html`<button id="stop" type="button" disabled=${!mayOperate()} onClick=${stop} aria-describedby=${trouble && "stop-trouble"}
+      title=${mayOperate() ? "Lets go of all servos (Escape or space)" : "You may look, but not operate."}>STOP</button>
+    ${trouble && html`<p id="stop-trouble" role="alert">The servos were not released: ${trouble} Switch their supply off.</p>`}`;
 }
 
-function snapshot(message) {
-  const isNew = message.packet && message.packet.number !== page.snapshot?.packet?.number;
-  page.connection = "open";
-  page.snapshot = message;
-  if (message.packet) setClock(message.packet);
-  if (!isNew) return;
-  record(message.packet);
-  if (!page.isPaused) {
-    parts.plot.add(message.packet.time_s, message.packet.coefficients);
-    shown.pose = message.packet;
+// Escape stops unless text is typed. Space does unless it works a control that has the focus.
+function isStop({ key, target }) {
+  const isTyping = target.matches?.("textarea, select, input:not([type=range], [type=checkbox], [type=radio])");
+  if (key === "Escape") return !isTyping;
+  return key === " " && !isTyping && !target.matches?.("button, a, summary, input:not([type=range])");
+}
+
+function Banners() {
+  const { connection, status, session } = store;
+  const banner = (kind, text, rest) => html`<div class=${`notice ${kind}`} role=${kind === "bad" ? "alert" : "status"}><span>${text}</span>${rest}</div>`;
+  return html`<div id="banners">
+    ${connection !== "open" && banner("bad", `The connection is lost: ${connection}. What is shown is old.`)}
+    ${status?.service?.released && banner("bad released", "All servos are released: they get no pulses.",
+    html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`)}
+    ${status && !status.running && banner("bad", `The service does not run. ${status.trouble ?? ""}`,
+    html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`)}
+    ${status?.refused && banner("bad", "The service refuses its settings.",
+    html`<a href="#links">Look at the settings</a> <${Action} run=${restoreLast}>Back to the last that worked<//>`)}
+    ${status?.operator && !status.operator.me && banner("warn", `${status.operator.name} moves the servos now. You can look, and stop them.`)}
+    ${status?.picture && banner("warn", "The camera's picture can be seen here.", html`<a href="#links">Settings</a>`)}
+    ${session?.role === "look" && hasService() && banner("", "You may look, but not operate.")}
+  </div>`;
+}
+
+function App() {
+  const { session, hello } = useStore();
+  const [page, setPage] = useState(chosen());
+  useEffect(() => {
+    const turn = () => {
+      setPage(chosen());
+      scrollTo(0, 0);
+    };
+    addEventListener("hashchange", turn);
+    return () => removeEventListener("hashchange", turn);
+  }, []);
+  useEffect(() => {
+    if (session?.role && !hello) open();
+  }, [session?.role]);
+  if (!session) return html`<main><p role="status">Loading …</p></main>`;
+  if (!session.role) return html`<${Login} />`;
+  const isWhole = hasService();
+  const [, title, Page] = PAGES.find(([name]) => name === page);
+  return html`
+    <header class=${isWhole ? "whole" : ""}>
+      <h1>facewire</h1>
+      <p id="state" role="status" data-state="waiting">waiting for packets</p>
+      ${isWhole && html`<${Stop} /><${Tabs} page=${page} />`}
+    </header>
+    <${Banners} />
+    <main>
+      <${Live} isShown=${!isWhole || page === "live"} />
+      ${isWhole && page !== "live" && html`<section class="page" id=${`page-${page}`} aria-label=${title}><${Page} /></section>`}
+    </main>
+    <${DraftBar} />`;
+}
+
+async function begin() {
+  const token = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (token) {
+    // The token does not stay in the address, where somebody could read it.
+    history.replaceState(null, "", location.pathname);
+    await post("login", { token }).catch(() => undefined);
   }
+  await loadSession();
 }
 
-// Times come from the clock of facewire-console. The message that arrived fastest tells best how far that clock is ahead.
-function setClock({ time_s: time, since_ms: since }) {
-  page.clock = Math.max(page.clock ?? -Infinity, time * 1000 + since - now());
-  page.arrived = time * 1000 - page.clock;
-}
-
-function record(packet) {
-  page.recorder?.add(packet);
-  if (page.recorder?.isFull) toggleRecording();
-}
-
-// Time since the newest packet, if receivers go neutral after it.
-function silence() {
-  const since = now() - page.arrived;
-  return page.snapshot?.packet && since > page.hello.silence_ms ? since : undefined;
-}
-
-// The coefficients to show: those of the newest packet, which fade to neutral in silence.
-function faded(coefficients, elapsed) {
-  const isSilent = silence() !== undefined && !page.isPaused;
-  shown.fade = isSilent ? shown.fade * Math.pow(LEFT_AFTER_A_SECOND, elapsed) : 1;
-  return shown.fade === 1 ? coefficients : coefficients.map((value) => value * shown.fade);
-}
-
-function drawFace(pose, coefficients) {
-  const quaternion = pose.rotation.map((value, k) => (k === 3 ? 1 + (value - 1) * shown.fade : value * shown.fade));
-  const length = Math.hypot(...quaternion);
-  parts.face?.draw({
-    weight: (name) => coefficients[page.index.get(name)] ?? 0,
-    rotation: quaternion.map((value) => value / length),
-    position: pose.position_mm.map((value) => value * shown.fade),
-    isLive: pose.state === "live" && shown.fade === 1,
-    isMirrored: page.isMirrored,
-  });
-}
-
-const AT_REST = { rotation: [0, 0, 0, 1], position_mm: [0, 0, 0], state: "neutral" };
-
-function frame() {
-  requestAnimationFrame(frame);
-  const time = now();
-  if (time - shown.text > TEXT_PERIOD_MS) showText(time);
-  if (!page.hello) return;
-  const elapsed = (time - shown.drawn) / 1000;
-  shown.drawn = time;
-  const pose = shown.pose ?? AT_REST;
-  const coefficients = faded(pose.coefficients ?? page.hello.names.map(() => 0), elapsed);
-  // A face that does not move costs nothing.
-  const { canvas } = parts.face ?? {};
-  const drawn = [pose, shown.fade > 0.001 ? shown.fade : 0, page.isMirrored, canvas?.clientWidth, canvas?.clientHeight];
-  if (drawn.some((value, k) => value !== shown.last?.[k])) {
-    shown.last = drawn;
-    drawFace(pose, coefficients);
-    parts.bars.show(coefficients, pose.state === "live" && shown.fade === 1);
-  }
-  if (!page.isPaused) parts.plot.draw((time + (page.clock ?? 0)) / 1000);
-}
-
-function showText(time) {
-  shown.text = time;
-  const message = page.snapshot;
-  element("help").hidden = !page.hello || Boolean(message?.packet) || page.connection !== "open";
-  const state = stateOf(message, silence(), page.connection);
-  showState(element("state"), page.isPaused ? ["waiting", "paused"] : state);
-  if (!message || page.isPaused) return;
-  const notice = noticeOf(message);
-  element("notice").hidden = notice === "";
-  element("notice").textContent = notice;
-  if (message.packet) showFacts(element("facts"), factsOf(message, time - page.arrived));
-  if (page.recorder) element("recorded").textContent = `${page.recorder.count} rows`;
-}
-
-function toggle(id, isOn) {
-  element(id).setAttribute("aria-pressed", String(isOn));
-  return isOn;
-}
-
-function toggleRecording() {
-  const recorder = page.recorder;
-  page.recorder = recorder ? undefined : new Recorder(page.hello.names);
-  toggle("record", !recorder);
-  element("record").textContent = recorder ? "Record" : "Stop and save";
-  if (!recorder) return;
-  recorder.save();
-  element("recorded").textContent = recorder.isFull ? `saved ${MOST_ROWS} rows, the most there can be` : `saved ${recorder.count} rows`;
-}
-
-element("pause").addEventListener("click", () => {
-  page.isPaused = toggle("pause", !page.isPaused);
-});
-element("mirror").addEventListener("click", () => {
-  page.isMirrored = toggle("mirror", !page.isMirrored);
-});
-element("record").addEventListener("click", () => page.hello && toggleRecording());
-
-try {
-  parts.face = new Face(element("face"));
-} catch (error) {
-  element("no-face").hidden = false;
-  console.warn(`The face cannot be drawn: ${error.message}`);
-}
-const lost = (reason = "no connection to facewire-console") => (page.connection = reason);
-connect({ hello, snapshot, lost }, () => page.recorder !== undefined);
-requestAnimationFrame(frame);
+render(html`<${App} />`, document.getElementById("app"));
+begin().catch((error) => update({ session: { role: null, trouble: error.message } }));

@@ -1,6 +1,6 @@
 // The bars of all coefficients, in groups. Each is a button that adds its coefficient to the plot.
 
-const GROUPS = [
+export const GROUPS = [
   ["Eyes", /^eye/],
   ["Brows, cheeks, nose", /^(brow|cheek|nose)/],
   ["Jaw, tongue", /^(jaw|tongue)/],

@@ -2,9 +2,12 @@
 
 const ms = (value) => (value >= 10_000 ? `${(value / 1000).toFixed(0)} s` : value >= 1000 ? `${(value / 1000).toFixed(1)} s` : `${value.toFixed(0)} ms`);
 
-// Returns the state to show: a word for the style, and a text. `connection` is "open", or says why there is none.
-export function stateOf(snapshot, silence, connection) {
+// Returns the state to show: a word for the style, and a text.
+export function stateOf(snapshot, silence, { connection, status }) {
   if (connection !== "open") return ["lost", connection];
+  if (status && !status.running) return ["lost", "service stopped"];
+  if (status?.service?.released) return ["lost", "released"];
+  if (status?.service?.driven) return ["hold", "driven by hand"];
   if (!snapshot?.packet) return ["waiting", "waiting for packets"];
   if (silence !== undefined) return ["silent", "silent: the face is neutral"];
   const { state, reason } = snapshot.packet;

@@ -1,14 +1,14 @@
 // The connection to facewire-console: one stream of events, which the browser opens again after it has broken.
 
-// Calls `on.hello` with what does not change, `on.snapshot` with each snapshot, and `on.lost` when the connection breaks, with
-// the server's reason if it was refused.
+const KINDS = ["hello", "face", "status", "calibration", "recording"];
+
+// Calls `on.KIND` with each event, and `on.lost` when the connection breaks, with the server's reason if it was refused.
 // A page that nobody sees gives its place up, unless `mustStay` says otherwise.
 export function connect(on, mustStay) {
   let source;
   const open = () => {
     source = new EventSource("api/1/events");
-    source.addEventListener("hello", (event) => on.hello(JSON.parse(event.data)));
-    source.addEventListener("face", (event) => on.snapshot(JSON.parse(event.data)));
+    for (const kind of KINDS) source.addEventListener(kind, (event) => on[kind](JSON.parse(event.data)));
     source.addEventListener("error", () => {
       on.lost();
       // The browser tries again by itself, but not after a refusal.

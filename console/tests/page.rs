@@ -213,7 +213,7 @@ fn without_packets_the_page_says_what_to_do_and_in_silence_the_face_goes_neutral
     wait_for(&mut browser, "jawOpen", "0.00");
     browser.wait_until("document.getElementById('state').textContent.startsWith('silent')");
     let ended = thread::spawn(move || drop(viewer));
-    browser.wait_until("document.getElementById('state').textContent === 'no connection to facewire-console'");
+    browser.wait_until("document.getElementById('state').textContent === 'no connection to the console'");
     ended.join().unwrap();
 }
 

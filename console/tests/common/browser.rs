@@ -154,12 +154,52 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression in the page is true. The page looks at it before each picture.
+    /// Waits until an expression in the page is true. The page looks at it before each picture. An expression that fails,
+    /// as while the page is built, is not true yet.
     pub fn wait_until(&mut self, condition: &str) {
+        let patience_ms = PATIENCE.as_millis();
         let look = format!(
-            "new Promise((done) => {{ const look = () => ({condition}) ? done(true) : requestAnimationFrame(look); look(); }})"
+            "new Promise((done) => {{ const end = performance.now() + {patience_ms}; \
+             const holds = () => {{ try {{ return {condition}; }} catch {{ return false; }} }}; \
+             const look = () => holds() ? done(true) : performance.now() > end ? done(false) : requestAnimationFrame(look); \
+             look(); }})"
         );
-        assert_eq!(self.value(&look), true);
+        assert_eq!(self.value(&look), true, "{condition}");
+    }
+
+    /// Presses a key, as `key` and `code` of an event name it.
+    pub fn press(&mut self, key: &str, code: &str) {
+        let text = if key == "Enter" { "\r" } else { key };
+        for kind in ["keyDown", "keyUp"] {
+            let mut event = json!({"type": kind, "key": key, "code": code, "windowsVirtualKeyCode": virtual_key(code)});
+            if kind == "keyDown" && (text.chars().count() == 1) {
+                event["text"] = text.into();
+            }
+            self.call("Input.dispatchKeyEvent", &event);
+        }
+    }
+
+    /// Clicks the first control whose text begins so, once it is there and enabled.
+    pub fn click(&mut self, text: &str) {
+        let find = format!(
+            "[...document.querySelectorAll('button:enabled, a, summary')].find((control) => control.textContent.trim().startsWith({text:?}) && control.checkVisibility())"
+        );
+        self.wait_until(&find);
+        self.value(&format!("{find}.click()"));
+    }
+
+    /// Sets a field or a slider to a value, as a person does.
+    pub fn set(&mut self, selector: &str, value: &str) {
+        self.wait_until(&format!("document.querySelector({selector:?})"));
+        self.value(&format!(
+            "(() => {{ const field = document.querySelector({selector:?}); field.value = {value:?}; \
+             for (const kind of ['input', 'change']) field.dispatchEvent(new Event(kind, {{ bubbles: true }})); }})()"
+        ));
+    }
+
+    /// Waits until a text is on the page.
+    pub fn wait_for_text(&mut self, text: &str) {
+        self.wait_until(&format!("document.body.innerText.includes({text:?})"));
     }
 
     /// Waits until the page has drawn what it knows.
@@ -196,6 +236,18 @@ impl Browser {
     pub fn requests(&self) -> Vec<String> {
         let requests = self.events("Network.requestWillBeSent");
         requests.iter().map(|event| event["request"]["url"].as_str().unwrap().to_owned()).collect()
+    }
+}
+
+/// The number by which browsers tell keys apart that give no text.
+fn virtual_key(code: &str) -> u32 {
+    match code {
+        "Tab" => 9,
+        "Enter" => 13,
+        "Escape" => 27,
+        "Space" => 32,
+        "ArrowRight" => 39,
+        _ => 0,
     }
 }
 

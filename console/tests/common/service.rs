@@ -16,6 +16,7 @@ use std::{
 };
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
+use facewire_packet::Packet;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -30,8 +31,14 @@ case "$1 $2" in
     esac
     echo 'settings  ok' ;;
 "check --config") printf 'settings  ok\ncamera    POOR: too dark\n'; echo 'facewire: no network' >&2; exit 69 ;;
-"defaults --schema") echo '{"type":"object"}' ;;
-"devices --json") echo '{"cameras":[]}' ;;
+"defaults --schema") echo '{"type":"object","properties":{"camera":{"type":"object","properties":{
+    "device":{"order":0,"type":"string","default":"auto","description":"The camera."},
+    "fps":{"order":1,"type":"integer","minimum":1,"maximum":240,"unit":"1/s","default":30,"description":"Frame rate."}}},
+    "link":{"type":"array","items":{"oneOf":[{"properties":{"kind":{"const":"udp"},"address":{"type":"string"}}},
+    {"properties":{"kind":{"const":"maestro"},"device":{"type":"string","default":"auto"}}}]}}}}' ;;
+"devices --json") echo '{"cameras":[{"path":"/dev/video0","stable_paths":[],"name":"Webcam","modes":["mjpeg 640x480"]}],
+    "not_examined":[],"serial_ports":[{"path":"/dev/ttyACM0","stable_paths":["/dev/serial/by-id/usb-Pololu-if00"],
+    "name":"USB","kind":"maestro","usb":null}],"i2c_buses":[1]}' ;;
 "record "*)
     trap 'exit 0' INT
     printf 'frames' >"$2"
@@ -56,6 +63,8 @@ pub struct Seen {
 pub struct Service {
     pub socket: PathBuf,
     pub seen: Arc<Mutex<Seen>>,
+    /// What the links are offered.
+    pub pose: Arc<Mutex<Packet>>,
 }
 
 impl Service {
@@ -64,14 +73,15 @@ impl Service {
         let _ = fs::remove_file(&socket);
         let listener = UnixListener::bind(&socket).unwrap();
         let seen = Arc::<Mutex<Seen>>::default();
-        let shared = Arc::clone(&seen);
+        let pose = Arc::new(Mutex::new(packet(&[("jawOpen", 0.5)])));
+        let shared = (Arc::clone(&seen), Arc::clone(&pose));
         thread::spawn(move || {
             for stream in listener.incoming() {
-                let shared = Arc::clone(&shared);
-                thread::spawn(move || serve(stream.unwrap(), &shared));
+                let (seen, pose) = shared.clone();
+                thread::spawn(move || serve(stream.unwrap(), &seen, &pose));
             }
         });
-        Self { socket, seen }
+        Self { socket, seen, pose }
     }
 
     /// The requests that change something.
@@ -91,37 +101,66 @@ impl Service {
     }
 }
 
-/// A status with the metrics that pages show.
-fn status() -> Value {
+/// A status with the metrics that pages show, and a servo board with the channels 0 and 3.
+fn status(seen: &Seen) -> Value {
     let metrics = "# TYPE facewire_frames counter\nfacewire_frames_total{result=\"faces\"} 100\n\
                    facewire_stage_seconds_bucket{le=\"0.01\",stage=\"mesh\"} 50\n\
-                   facewire_stage_seconds_bucket{le=\"+Inf\",stage=\"mesh\"} 100\n# EOF\n";
-    json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": false, "driven": false, "links": []}})
+                   facewire_stage_seconds_bucket{le=\"+Inf\",stage=\"mesh\"} 100\n\
+                   facewire_impaired{by=\"dark\"} 1\n# EOF\n";
+    let of = |what: &'static str| seen.requests.iter().filter(move |request| request["do"] == what);
+    let is_released = of("release").next_back().is_some_and(|request| request["on"] == true);
+    let channel = |number: u32| {
+        let last = seen.lines.iter().rev().find(|(_, line)| line["channel"] == number);
+        let position = last.map_or(json!(0.5), |(_, line)| line["position"].clone());
+        let pulse_us = (!is_released).then_some(1480);
+        json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us})
+    };
+    let link = json!({"name": "maestro /dev/ttyACM0", "kind": "maestro", "open": true, "sent": 100, "dropped": 0,
+        "trouble": null, "channels": [channel(0), channel(3)]});
+    let is_driven = of("drive").count() > seen.ended.len();
+    json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": is_released, "driven": is_driven,
+        "links": [link]}})
 }
 
-fn serve(mut stream: UnixStream, seen: &Mutex<Seen>) -> Option<()> {
+fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Option<()> {
     let mut lines = BufReader::new(stream.try_clone().ok()?).lines();
     let request: Value = serde_json::from_str(&lines.next()?.ok()?).unwrap();
     seen.lock().unwrap().requests.push(request.clone());
     let mut say = |value: Value| writeln!(stream, "{value}").ok();
     match request["do"].as_str()? {
-        "status" => say(status()),
+        "status" => {
+            let status = status(&seen.lock().unwrap());
+            say(status)
+        }
         "watch" => loop {
-            let bytes = BASE64_STANDARD.encode(packet(&[("jawOpen", 0.5)]).encode());
+            let bytes = BASE64_STANDARD.encode(pose.lock().unwrap().encode());
             say(json!({"packet": bytes}))?;
             thread::sleep(Duration::from_millis(16));
         },
-        "list" => say(json!({"wearers": {"wearers": [{"wearer": "anna"}], "in_use": "anna", "folder": "/x"}})),
+        "list" => say(
+            json!({"wearers": {"wearers": [{"wearer": "anna", "profile": {"Ok": [1_700_000_000, 11]}}], "in_use": "anna", "folder": "/x"}}),
+        ),
         "delete" => say(json!({"refused": "there is no profile of this wearer"})),
         "calibrate" => {
-            say(json!({"progress": {"step": 1}}))?;
-            say(json!({"calibrated": {"takes": 8}}))
+            say(
+                json!({"progress": {"take": "smile", "done": 5, "of": 11, "phase": "wait", "measured": 0.4, "seen": 0.7,
+                "waits_for": "head-turned", "refused": 2, "last_refusal": "too-short"}}),
+            )?;
+            // The calibration of this wearer goes on until the client cancels it.
+            if request["wearer"] == "carla" {
+                lines.next();
+                return None;
+            }
+            say(
+                json!({"calibrated": {"wearer": request["wearer"], "path": "/x/anna.profile", "taken": ["neutral", "smile"],
+                "left_out": [["pucker", "not-seen"]], "refused": 2, "warning": null}}),
+            )
         }
         "picture" => {
             say(
-                json!({"picture": {"format": "yuyv", "width": 1280, "height": 720, "bytes": 1280 * 720 * 2, "landmarks": null}}),
+                json!({"picture": {"format": "yuyv", "width": 1280, "height": 16, "bytes": 1280 * 16 * 2, "landmarks": null}}),
             )?;
-            stream.write_all(&[128; 1280 * 720 * 2]).ok()
+            stream.write_all(&[128; 1280 * 16 * 2]).ok()
         }
         "drive" => {
             say(json!({"driving": true}))?;
@@ -175,26 +214,21 @@ impl Console {
         let program = folder.path().join("facewire");
         fs::write(&program, PROGRAM).unwrap();
         fs::set_permissions(program, fs::Permissions::from_mode(0o755)).unwrap();
-        let viewer = Self::spawn(folder.path(), &[]);
+        let viewer = Self::spawn(folder.path());
         Self { viewer, service: Arc::new(service), folder: Arc::new(folder) }
     }
 
     /// Starts one more program for the same service and settings.
     pub fn again(&self) -> Self {
-        self.again_with(&[])
-    }
-
-    /// As [`Self::again`], with more arguments.
-    pub fn again_with(&self, more: &[&str]) -> Self {
-        let viewer = Self::spawn(self.folder.path(), more);
+        let viewer = Self::spawn(self.folder.path());
         Self { viewer, service: Arc::clone(&self.service), folder: Arc::clone(&self.folder) }
     }
 
-    fn spawn(folder: &Path, more: &[&str]) -> Viewer {
+    fn spawn(folder: &Path) -> Viewer {
         let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
         let (config, control, state) = (path("facewire.toml"), path("control"), path("state"));
         let arguments = ["--listen", "0.0.0.0:0", "--config", &config, "--control", &control, "--state", &state];
-        Viewer::spawn(command(&[&arguments, more].concat()).env("FACEWIRE_PROGRAM", path("facewire")))
+        Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", path("facewire")))
     }
 
     pub fn settings(&self) -> String {

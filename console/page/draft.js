@@ -1,0 +1,148 @@
+// The settings as they are being edited. Every page that changes settings changes this draft, and nothing is kept before
+// its difference was shown.
+
+import { html, useState } from "./vendor/preact.js";
+import { Action } from "./common.js";
+import { get, mayOperate, post, update, useStore } from "./store.js";
+
+// `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets.
+export const draft = { kept: undefined, text: undefined, values: {}, schema: undefined, faults: [], changed: [], versions: [] };
+let loading;
+// Edits follow each other, so that each begins with the text that the one before it gave.
+let last = Promise.resolve();
+
+const set = (changes) => {
+  Object.assign(draft, changes);
+  update({});
+};
+
+export function loadDraft() {
+  loading ??= reload();
+  return loading;
+}
+
+async function reload() {
+  try {
+    const { path, text, hash, schema, values, faults, versions } = await get("settings");
+    set({ path, base: hash, kept: text, text, schema, values: values ?? {}, faults: faults ?? [], versions, changed: [], trouble: undefined });
+  } catch (error) {
+    loading = undefined;
+    set({ trouble: error.message });
+  }
+}
+
+// Returns the draft, and loads it if no page has.
+export function useDraft() {
+  useStore();
+  if (draft.text === undefined && !draft.trouble) loadDraft();
+  return draft;
+}
+
+const after = (step) => (last = last.catch(() => undefined).then(step));
+
+// Changes settings: { "camera.fps": 60, "link.0.channel.2.neutral": null to remove the line }.
+export const change = (changes) => after(async () => {
+  await loadDraft();
+  const { text } = await post("settings/edit", { text: draft.text, changes });
+  await check(text);
+});
+
+export const setText = (text) => after(() => check(text));
+
+async function check(text) {
+  set({ text });
+  const { faults, changed, values } = await post("settings/check", { text });
+  set({ faults: faults ?? [], changed: changed ?? [], values: values ?? draft.values });
+}
+
+export const isChanged = () => draft.text !== draft.kept;
+
+export const keep = () => after(async () => {
+  const answer = await post("settings/keep", { text: draft.text, base: draft.base });
+  await reload();
+  return answer;
+});
+
+export async function restore(id) {
+  const answer = await post("settings/restore", { id });
+  await reload();
+  return answer;
+}
+
+// The versions begin with the newest. The newest of them that is not what the file holds now was the last to work.
+export async function restoreLast() {
+  await reload();
+  if (!draft.versions?.length) throw new Error("No earlier settings were kept. Mend the faults beside their lines instead.");
+  return restore(draft.versions[0].id);
+}
+
+export function discard() {
+  set({ text: draft.kept, faults: [], changed: [] });
+  return reload();
+}
+
+// Shows that there are changes which are not kept, on every page.
+export function DraftBar() {
+  useStore();
+  const [isOpen, setOpen] = useState(false);
+  if (draft.text === undefined || !isChanged()) return null;
+  const { faults, changed } = draft;
+  const count = changed.length === 1 ? "1 setting is" : `${changed.length || "Some"} settings are`;
+  return html`<aside id="draft" aria-label="Changed settings">
+    ${isOpen && html`<${Difference} from=${draft.kept} to=${draft.text} />`}
+    ${faults.length > 0 ? html`<p class="trouble"><b>${faults.length === 1 ? "A fault" : `${faults.length} faults`}:</b> ${faults[0].line ? `line ${faults[0].line}: ` : ""}${faults[0].text}</p>`
+    : html`<p>${count} changed and not kept yet.</p>`}
+    <div class="row">
+      <button type="button" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}>Difference</button>
+      <${Action} run=${discard} needsRole=${false}>Discard<//>
+      <${Action} kind="primary" disabled=${faults.length > 0 || !mayOperate()} run=${keep}>Keep<//>
+    </div>
+  </aside>`;
+}
+
+export function Difference({ from, to }) {
+  const lines = difference(from.split("\n"), to.split("\n"));
+  return html`<pre class="difference" tabindex="0" aria-label="Difference to the kept settings">${lines.map(([sign, text], index) => {
+    const kind = sign === "+" ? "added" : sign === "-" ? "removed" : "";
+    return html`<span key=${index} class=${kind}>${sign} ${text}${"\n"}</span>`;
+  })}</pre>`;
+}
+
+// The lines that were added and removed, each with two lines of what is around it.
+export function difference(before, after) {
+  let start = 0;
+  while (start < before.length && start < after.length && before[start] === after[start]) start += 1;
+  let end = 0;
+  const most = Math.min(before.length, after.length) - start;
+  while (end < most && before[before.length - 1 - end] === after[after.length - 1 - end]) end += 1;
+  const [a, b] = [before.slice(start, before.length - end), after.slice(start, after.length - end)];
+  const all = [...before.slice(Math.max(0, start - 2), start).map((line) => [" ", line]), ...longest(a, b),
+    ...before.slice(before.length - end).slice(0, 2).map((line) => [" ", line])];
+  const isNear = (index) => all.slice(Math.max(0, index - 2), index + 3).some(([sign]) => sign !== " ");
+  return all.flatMap((line, index) => (isNear(index) ? [line] : isNear(index - 1) ? [["…", ""]] : []));
+}
+
+// Compares lines by their longest common subsequence.
+function longest(a, b) {
+  const table = Array.from({ length: a.length + 1 }, () => new Uint32Array(b.length + 1));
+  for (let i = a.length - 1; i >= 0; i -= 1) {
+    for (let j = b.length - 1; j >= 0; j -= 1) {
+      table[i][j] = a[i] === b[j] ? table[i + 1][j + 1] + 1 : Math.max(table[i + 1][j], table[i][j + 1]);
+    }
+  }
+  const lines = [];
+  let [i, j] = [0, 0];
+  while (i < a.length || j < b.length) {
+    if (i < a.length && j < b.length && a[i] === b[j]) {
+      lines.push([" ", a[i]]);
+      [i, j] = [i + 1, j + 1];
+    } else if (j >= b.length || (i < a.length && table[i + 1][j] >= table[i][j + 1])) {
+      lines.push(["-", a[i]]);
+      i += 1;
+    } else {
+      lines.push(["+", b[j]]);
+      j += 1;
+    }
+  }
+  return lines;
+}

@@ -1,0 +1,77 @@
+// How the service and its board are: the last hour as plots, what is wrong now, the check, and a report to send in.
+
+import { Chart } from "./chart.js";
+import { Action, bytes, Trouble, useAnswer, useEvery } from "./common.js";
+import { impairments, present } from "./impaired.js";
+import { ask, post, useStore } from "./store.js";
+import { html, useState } from "./vendor/preact.js";
+
+const HISTORY_PERIOD_MS = 5000;
+
+export function Health() {
+  const { status } = useStore();
+  const [history, trouble, reload] = useAnswer("history");
+  useEvery(HISTORY_PERIOD_MS, reload);
+  return html`
+    <h2>Health</h2>
+    <${Now} status=${status} />
+    ${trouble && html`<${Trouble}>${trouble}<//>`}
+    ${history && html`<${Plots} history=${history} />`}
+    <${Check} />
+    <div class="panel"><h3>Report</h3>
+      <p>Versions, board, settings without addresses, state and log. It holds no name, no address and no picture. Read it before you send it.</p>
+      <${Action} needsRole=${false} run=${save}>Save the report<//></div>`;
+}
+
+function Now({ status }) {
+  const { metrics, version } = status?.service ?? {};
+  const { load, temperature_c: temperature, supply_v: supply } = status?.board ?? {};
+  const facts = [
+    ["service", status?.running ? "runs" : "stopped"],
+    ["version", version ?? "–"],
+    ["load (1: one core)", load === undefined || load === null ? "–" : load.toFixed(2)],
+    ["temperature", temperature ? `${temperature.toFixed(0)} °C` : "–"],
+    ...(supply ? [["supply", `${supply.toFixed(2)} V`]] : []),
+    ["adaptation", present(metrics, "facewire_step").join(", ") || "–"],
+    ["free space", status?.free_bytes ? bytes(status.free_bytes) : "–"],
+  ];
+  return html`<dl class="facts">${facts.map(([name, value]) => html`<div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
+    ${impairments(status).map((sentence) => html`<p class="notice warn" role="status" key=${sentence}>${sentence}</p>`)}`;
+}
+
+// The columns are named STAGE_p50_ms and STAGE_p99_ms.
+function Plots({ history: { columns, rows } }) {
+  const column = (name) => rows.map((row) => row[columns.indexOf(name)] ?? null);
+  const times = column("time_s");
+  const stages = columns.filter((name) => name.endsWith("_p50_ms")).map((name) => name.slice(0, -"_p50_ms".length));
+  const line = (name, title) => ({ title, values: column(name) });
+  if (rows.length === 0) return html`<p class="panel">The plots begin now.</p>`;
+  return html`<div class="charts">
+    <${Chart} title="Frames" unit="1/s" times=${times} lines=${[line("rate_hz", "rate")]} />
+    <${Chart} title="Latency by stage, solid p50 and dashed p99" unit="ms" times=${times}
+      lines=${stages.flatMap((stage) => [line(`${stage}_p50_ms`, stage), { ...line(`${stage}_p99_ms`, `${stage} p99`), isDashed: true }])} />
+    <${Chart} title="Load, 1 is one busy core" times=${times} lines=${[line("load", "load")]} />
+    <${Chart} title="Temperature" unit="°C" times=${times} lines=${[line("temperature_c", "processor")]} />
+  </div>`;
+}
+
+const SIGNS = { ok: "✓", warning: "!", failure: "✗" };
+
+function Check() {
+  const [lines, setLines] = useState();
+  const run = async () => setLines((await post("check")).lines);
+  return html`<div class="panel"><h3>Check</h3>
+    <p>Tries camera, networks, model and links, and names a remedy for what does not work.</p>
+    <${Action} run=${run}>Check now<//>
+    ${lines && html`<ul class="check-lines" aria-label="What the check says">${lines.map(({ level, text }, index) => html`<li key=${index} class=${level}>
+      <span aria-hidden="true">${SIGNS[level] ?? ""}</span> ${text}</li>`)}</ul>`}
+  </div>`;
+}
+
+async function save() {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(await (await ask("report")).blob());
+  link.download = "facewire-report.txt";
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}

@@ -1,0 +1,81 @@
+// What every page knows: who may do what, the newest events, and requests to the console.
+
+import { useLayoutEffect, useState } from "./vendor/preact.js";
+import { connect } from "./stream.js";
+
+// `connection` is "open", or says why there is none. `status`, `calibration` and `recording` are the newest events.
+export const store = { connection: "open", session: undefined, hello: undefined, status: undefined, calibration: undefined, recording: undefined };
+const listeners = new Set();
+const faces = new Set();
+// While one of these holds, a page that nobody sees keeps its stream.
+const stayers = new Set();
+
+export function update(changes) {
+  Object.assign(store, changes);
+  listeners.forEach((listener) => listener());
+}
+
+// Draws a component again whenever the store changes. A layout effect listens before anything can change.
+export function useStore() {
+  const [, redraw] = useState(0);
+  useLayoutEffect(() => listen(listeners, () => redraw((count) => count + 1)), []);
+  return store;
+}
+
+// Calls the listener with every packet's snapshot, up to 60 times a second. Returns a function that ends this.
+export const onFace = (listener) => listen(faces, listener);
+export const stayWhile = (condition) => listen(stayers, condition);
+
+function listen(set, listener) {
+  set.add(listener);
+  return () => set.delete(listener);
+}
+
+export const mayOperate = () => store.session?.role === "operate";
+// Whether there is a service. Otherwise the console shows packets that arrive by UDP or a serial line.
+export const hasService = () => !store.hello?.hint;
+
+export function open() {
+  const lost = (reason = "no connection to the console") => update({ connection: reason });
+  const face = (message) => {
+    store.face = message;
+    if (store.connection !== "open") update({ connection: "open" });
+    faces.forEach((listener) => listener(message));
+  };
+  connect({
+    hello: (hello) => update({ connection: "open", hello }),
+    face,
+    status: (status) => update({ connection: "open", status, recording: { ...store.recording, recording: status.recording, playing: status.playing } }),
+    calibration: (calibration) => update({ calibration }),
+    recording: (recording) => update({ recording }),
+    lost,
+  }, () => [...stayers].some((condition) => condition()));
+}
+
+// Sends a request. Throws an error with a sentence for the person at the page. With a body it is a POST.
+export async function ask(path, body, options = {}) {
+  const post = body === undefined ? {} : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  const answer = await fetch(`api/1/${path}`, { ...post, ...options }).catch(() => {
+    throw new Error("The console does not answer. Check that it runs, and that this device is in its network.");
+  });
+  if (answer.ok) return answer;
+  if (answer.status === 401 && path !== "login") update({ session: { ...store.session, role: null } });
+  throw Object.assign(new Error(await sentence(answer)), { status: answer.status });
+}
+
+async function sentence(answer) {
+  const text = (await answer.text().catch(() => "")).trim();
+  try {
+    const { error, refused } = JSON.parse(text);
+    return error ?? refused ?? text;
+  } catch {
+    return text || `The console answered with an error (${answer.status}).`;
+  }
+}
+
+export const get = async (path) => (await ask(path)).json();
+export const post = async (path, body = {}, options) => (await ask(path, body, options)).json().catch(() => ({}));
+
+export async function loadSession() {
+  update({ session: await get("session") });
+}

@@ -1,0 +1,374 @@
+//! The pages of a console in a real browser, with a service that speaks the contract of the control socket.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::{
+    net::IpAddr,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use common::{
+    browser::Browser,
+    packet,
+    service::{Console, elsewhere},
+    skip,
+};
+use serde_json::{Value, json};
+
+const SETTINGS: &str = "# My head\n[camera]\nfps = 60 # fast\n\n[[link]]\nkind = \"maestro\"\n\n[[link.channel]]\nchannel = 0\n\
+                        sources = { jawOpen = 1.0 }\npulse_at_0_us = 1100 # jaw shut\npulse_at_1_us = 1900\n\n\
+                        [[link.channel]]\nchannel = 3\n";
+const PAGES: [&str; 7] = ["live", "start", "servos", "wearer", "links", "health", "recordings"];
+const PHONE: (u32, u32) = (360, 740);
+const DESK: (u32, u32) = (1280, 900);
+const SLIDER: &str = "[aria-label='Move channel 0']";
+
+/// A console with a page that is open in a browser, or `None` with a note if there is no browser.
+fn open(page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
+    if !Browser::is_installed() {
+        skip("there is no chromium; scripts/setup tests installs it");
+        return None;
+    }
+    let console = Console::start(SETTINGS);
+    let mut browser = Browser::start(width, height);
+    browser.open(&url(&console, [127, 0, 0, 1].into(), page));
+    browser.wait_until("document.getElementById('stop')?.disabled === false");
+    Some((console, browser))
+}
+
+fn url(console: &Console, address: IpAddr, page: &str) -> String {
+    format!("http://{address}:{}/#{page}", console.port())
+}
+
+/// Waits for the number of requests of this kind that the service has seen.
+fn until_asked(console: &Console, request: &Value) {
+    console.service.until(|seen| seen.requests.contains(request));
+}
+
+/// The reader of pages for people who cannot see them: finds what they could not use.
+fn axe() -> Option<String> {
+    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
+    let cache = cache.or_else(|| Some(Path::new(&std::env::var_os("HOME")?).join(".cache")))?;
+    std::fs::read_to_string(cache.join("facewire/axe/node_modules/axe-core/axe.min.js")).ok()
+}
+
+#[test]
+fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
+    let Some((console, mut browser)) = open("live", PHONE) else { return };
+    let axe = axe();
+    if axe.is_none() {
+        skip("there is no axe-core; scripts/setup tests installs it");
+    }
+    let home = url(&console, [127, 0, 0, 1].into(), "");
+    for ((width, height), device) in [(PHONE, "phone"), (DESK, "desk")] {
+        browser.resize(width, height);
+        for page in PAGES {
+            browser.value(&format!("location.hash = '{page}'"));
+            browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+            // Every page but the first waits for an answer of the console.
+            browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
+            browser.wait_until("document.getElementById('state').textContent === 'live'");
+            browser.screenshot(&format!("{page} on a {device}"));
+            let excess = browser
+                .value("(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)(document.documentElement)");
+            assert_eq!(excess, 0, "{page} on a {device}");
+            let stop = browser.value(
+                "document.elementFromPoint(...(({ x, y, width, height }) => \
+                [x + width / 2, y + height / 2])(document.getElementById('stop').getBoundingClientRect())).id",
+            );
+            assert_eq!(stop, "stop", "{page} on a {device}");
+            if let Some(axe) = &axe {
+                browser.value(&format!("{axe}; 0"));
+                let found = browser.value(
+                    "axe.run({ resultTypes: ['violations'] }).then(({ violations }) => violations.map(({ id, nodes }) => \
+                     [id, ...nodes.map(({ target, failureSummary }) => `${target}: ${failureSummary}`)]))",
+                );
+                assert_eq!(found, json!([]), "{page} on a {device}");
+            }
+        }
+    }
+    assert_eq!(browser.errors(), Vec::<Value>::new());
+    let requests = browser.requests();
+    let home = home.trim_end_matches('#');
+    assert!(requests.iter().all(|url| url.starts_with(home) || url.starts_with("blob:")), "{requests:?}");
+}
+
+#[test]
+fn the_pages_take_at_most_200_kb_compressed() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("page");
+    let count = "find . -type f -print0 | sort -z | xargs -0 cat | gzip -9 | wc -c";
+    let output = Command::new("sh").args(["-c", count]).current_dir(page).output().unwrap();
+    let bytes: u32 = String::from_utf8(output.stdout).unwrap().trim().parse().unwrap();
+    assert!((20_000..200_000).contains(&bytes), "{bytes} bytes");
+}
+
+#[test]
+fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
+    let Some((console, mut browser)) = open("health", PHONE) else { return };
+    let (release, resume) = (json!({"do": "release", "on": true}), json!({"do": "release", "on": false}));
+    browser.click("STOP");
+    until_asked(&console, &release);
+    browser.wait_for_text("All servos are released");
+    browser.screenshot("released");
+    browser.click("Let servos move again");
+    until_asked(&console, &resume);
+    browser.wait_until("!document.querySelector('.released')");
+    // On another page, and by the keys.
+    for (times, (page, key, code)) in [("servos", "Escape", "Escape"), ("live", " ", "Space")].into_iter().enumerate() {
+        browser.value(&format!("document.activeElement.blur(), location.hash = '{page}'"));
+        browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+        browser.press(key, code);
+        console.service.until(|seen| seen.requests.iter().filter(|request| **request == release).count() == times + 2);
+        browser.click("Let servos move again");
+        browser.wait_until("!document.querySelector('.released')");
+    }
+}
+
+#[test]
+fn keys_that_type_or_work_a_control_do_not_stop() {
+    let Some((console, mut browser)) = open("wearer", DESK) else { return };
+    browser.wait_until("document.querySelector('#page-wearer input')");
+    browser.value("document.querySelector('#page-wearer input').focus()");
+    browser.press(" ", "Space");
+    browser.press("Escape", "Escape");
+    browser.value("document.querySelector('nav a').focus()");
+    browser.press(" ", "Space");
+    browser.press("Enter", "Enter");
+    browser.wait_until("location.hash === '#live'");
+    assert_eq!(console.service.changes(), Vec::<Value>::new());
+}
+
+#[test]
+fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled"));
+    browser.set(SLIDER, "0.9");
+    assert_eq!(console.service.changes(), Vec::<Value>::new());
+    browser.click("Arm");
+    browser.wait_until(&format!("!document.querySelector(\"{SLIDER}\").disabled"));
+    browser.set(SLIDER, "0.25");
+    let moved = json!({"link": 0, "channel": 0, "position": 0.25});
+    console.service.until(|seen| seen.lines.iter().any(|(_, line)| *line == moved));
+    browser.wait_until("document.querySelector('.numbers').innerText.includes('0.25')");
+    browser.screenshot("armed");
+    // The arrow keys move it, too.
+    browser.value(&format!("document.querySelector(\"{SLIDER}\").focus()"));
+    browser.press("ArrowRight", "ArrowRight");
+    console.service.until(|seen| {
+        seen.lines.iter().any(|(_, line)| (0.254..0.256).contains(&line["position"].as_f64().unwrap_or(0.0)))
+    });
+    // The heartbeat goes on while nothing moves.
+    let beats = console.service.seen.lock().unwrap().lines.len();
+    console.service.until(|seen| seen.lines.len() > beats + 5 && seen.ended.is_empty());
+    drop(browser);
+    console.service.until(|seen| seen.ended.len() == 1);
+    let lines = &console.service.seen.lock().unwrap().lines;
+    assert!(lines.iter().all(|(_, line)| line["position"].as_f64() < Some(0.5)), "moved before arming: {lines:?}");
+}
+
+#[test]
+fn another_page_and_the_disarm_button_end_a_drive() {
+    let Some((console, mut browser)) = open("servos", DESK) else { return };
+    browser.click("Arm");
+    console.service.until(|seen| !seen.lines.is_empty());
+    browser.click("Disarm");
+    console.service.until(|seen| seen.ended.len() == 1);
+    browser.click("Arm");
+    browser.wait_for_text("Armed.");
+    browser.click("Health");
+    console.service.until(|seen| seen.ended.len() == 2);
+}
+
+#[test]
+fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
+    let Some((console, mut browser)) = open("servos", DESK) else { return };
+    browser.click("Arm");
+    browser.wait_for_text("Disarm");
+    browser.click("Blink");
+    console
+        .service
+        .until(|seen| seen.lines.iter().any(|(_, line)| line["coefficients"]["eyeBlinkLeft"].as_f64() > Some(0.7)));
+    browser.wait_until("document.querySelector('#puppet input').disabled === false");
+    browser.set("#puppet input", "20");
+    console.service.until(|seen| seen.lines.iter().any(|(_, line)| line["head_deg"] == json!([20.0, 0.0, 0.0])));
+    browser.click("Sweep each channel");
+    for number in [0, 3] {
+        console.service.until(|seen| {
+            seen.lines.iter().any(|(_, line)| line["channel"] == number && line["position"].as_f64() > Some(0.9))
+        });
+    }
+}
+
+#[test]
+fn an_end_is_set_at_the_sliders_place_and_kept_with_the_comments() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("Arm");
+    browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled === false"));
+    browser.set(SLIDER, "0.25");
+    browser.click("Set end 0 here");
+    browser.wait_for_text("1 setting is changed and not kept yet");
+    browser.click("Difference");
+    browser.wait_for_text("+ pulse_at_0_us = 1300 # jaw shut");
+    browser.screenshot("difference");
+    assert_eq!(console.settings(), SETTINGS);
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS.replace("1100", "1300"));
+    until_asked(&console, &json!({"do": "reload"}));
+}
+
+#[test]
+fn a_source_is_learned_from_the_movement_that_is_made() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    let learn = "[aria-label='Learn it for channel 3']";
+    browser.wait_until(&format!("document.querySelector(\"{learn}\")"));
+    // What is high all the time does not count, only what moves.
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+    browser.value(&format!("document.querySelector(\"{learn}\").click()"));
+    *console.service.pose.lock().unwrap() = packet(&[("jawOpen", 0.55), ("browInnerUp", 0.6)]);
+    browser.click("browInnerUp (0.60)");
+    browser.wait_for_text("not kept yet");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert!(console.settings().contains("browInnerUp = 1"), "{}", console.settings());
+}
+
+#[test]
+fn a_fault_stands_beside_its_line_and_cannot_be_kept() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    browser.click("Text");
+    browser.set("textarea", "[camera]\nfps = \"bad\"\n");
+    browser.wait_until("document.querySelector('.editor .bad')?.textContent.trim() === '2'");
+    browser.wait_for_text("give a whole number from 1 to 240");
+    browser.screenshot("fault");
+    assert_eq!(browser.value("document.querySelector('#draft .primary').disabled"), true);
+    browser.click("Discard");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS);
+}
+
+#[test]
+fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
+    let Some((console, mut browser)) = open("links", PHONE) else { return };
+    browser.click("camera");
+    browser.set("[id='field-camera.fps']", "50");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS.replace("60", "50"));
+    browser.screenshot("form");
+    browser.click("Default: 30");
+    browser.wait_for_text("not kept yet");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert!(!console.settings().contains("fps"), "{}", console.settings());
+    browser.click("Versions");
+    browser.click("Difference to now");
+    browser.wait_for_text("fps = 50 # fast");
+    browser.screenshot("versions");
+    browser.click("Go back to it");
+    let fits = |console: &Console| console.settings().contains("fps = 50");
+    while !fits(&console) {
+        browser.wait_for_picture();
+    }
+}
+
+#[test]
+fn a_calibration_shows_the_pose_and_why_it_waits_and_ends() {
+    let Some((console, mut browser)) = open("wearer", PHONE) else { return };
+    browser.set("#page-wearer input", "carla");
+    browser.click("Begin");
+    until_asked(&console, &json!({"do": "calibrate", "wearer": "carla"}));
+    for text in ["Pose 6 of 11", "Smile as widely as you can.", "The head is turned", "hold it a little longer"] {
+        browser.wait_for_text(text);
+    }
+    browser.screenshot("calibration");
+    browser.click("Cancel");
+    browser.wait_for_text("The calibration has ended: the calibration was cancelled");
+    browser.set("#page-wearer input", "anna");
+    browser.click("Begin");
+    browser.wait_for_text("The profile of anna is made and in use");
+    browser.wait_for_text("Pucker your lips, as if for a kiss. No such movement is seen");
+    browser.click("Delete");
+    browser.click("Delete anna for ever");
+    browser.wait_for_text("there is no profile of this wearer");
+}
+
+#[test]
+fn the_picture_is_asked_for_again_when_it_is_drawn_and_not_while_the_page_shows_something_else() {
+    let Some((console, mut browser)) = open("live", DESK) else { return };
+    let asked =
+        || console.service.seen.lock().unwrap().requests.iter().filter(|request| request["do"] == "picture").count();
+    assert_eq!(asked(), 0);
+    browser.click("Camera");
+    console.service.until(|seen| seen.requests.iter().filter(|request| request["do"] == "picture").count() > 3);
+    browser.wait_until("document.querySelector('.camera canvas').width === 1280");
+    browser.click("Health");
+    browser.wait_until("!document.querySelector('.camera')");
+    // The picture that was under way is the last one.
+    browser.value("fetch('api/1/status').then(() => fetch('api/1/status')).then(() => 1)");
+    let last = asked();
+    browser.value("(async () => { for (let n = 0; n < 20; n += 1) await fetch('api/1/status'); })().then(() => 1)");
+    assert!(asked() <= last + 1, "{} pictures, {last} before", asked());
+}
+
+#[test]
+fn whoever_comes_from_elsewhere_sets_the_password_and_a_link_to_look_changes_nothing() {
+    let Some(address) = elsewhere() else { return skip("this machine has no address besides loopback") };
+    let Some((console, mut browser)) = open("links", PHONE) else { return };
+    browser.open(&url(&console, address, "servos"));
+    browser.wait_for_text("Nobody has set a password yet");
+    browser.screenshot("first password");
+    browser.set("input", "right horse");
+    browser.click("Set the password");
+    browser.wait_until("document.getElementById('stop')?.disabled === false");
+    let token = console.post("tokens/look", &json!({})).json()["token"].as_str().unwrap().to_owned();
+    // Without its cookie, the same browser is somebody else.
+    browser.call("Network.clearBrowserCookies", &json!({}));
+    browser.open("about:blank");
+    browser.open(&url(&console, address, ""));
+    browser.wait_for_text("Log in");
+    browser.set("input", "wrong horse");
+    browser.click("Log in");
+    browser.wait_for_text("The password or the token is wrong.");
+    browser.screenshot("login");
+    browser.open("about:blank");
+    browser.open(&url(&console, address, &format!("token={token}")));
+    browser.wait_for_text("You may look, but not operate.");
+    assert_eq!(browser.value("document.getElementById('stop').disabled"), true);
+    assert_eq!(browser.value("location.href.includes('token')"), false);
+}
+
+#[test]
+fn the_pages_know_each_pose_refusal_and_impairment_of_the_service() {
+    let Some((_console, mut browser)) = open("live", DESK) else { return };
+    let take = include_str!("../../src/calibration/take.rs");
+    let between = |text: &'static str, from: &str, to: &str| text.split_once(from).unwrap().1.split_once(to).unwrap().0;
+    let quoted = |text: &'static str, after: &str, before: &str| -> Vec<String> {
+        let lines = text.lines().filter(|line| line.contains(after) && line.contains(before));
+        lines.map(|line| line.split('"').nth(1).unwrap().to_owned()).collect()
+    };
+    let takes = quoted(between(take, "takes! {", "\n}"), " \"", "\": ");
+    let refusals: Vec<String> = between(take, "pub enum Refusal {", "\n}")
+        .lines()
+        .filter_map(|line| line.strip_prefix("    ")?.strip_suffix(','))
+        .map(|name| {
+            name.chars()
+                .flat_map(|c| if c.is_uppercase() { vec!['-', c.to_ascii_lowercase()] } else { vec![c] })
+                .collect()
+        })
+        .map(|name: String| name.trim_start_matches('-').to_owned())
+        .collect();
+    let impairments = quoted(between(include_str!("../../src/impairment.rs"), "impairments! {", "\n}"), " = \"", "\"");
+    assert_eq!(
+        (takes.len(), refusals.len(), impairments.len()),
+        (11, 12, 10),
+        "{takes:?} {refusals:?} {impairments:?}"
+    );
+    let known = browser.value(
+        "Promise.all([import('./poses.js'), import('./impaired.js')]).then(([{ TAKES, REFUSALS }, { SENTENCES }]) => \
+         [TAKES, REFUSALS, SENTENCES].map(Object.keys))",
+    );
+    assert_eq!(known, json!([takes, refusals, impairments]));
+}

@@ -33,6 +33,9 @@ struct Head {
     width: usize,
     height: usize,
     bytes: usize,
+    /// Whether luma lies between 0 and 255, as in JPEG images, and not between 16 and 235.
+    #[serde(default)]
+    full_range: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -65,6 +68,8 @@ pub async fn newest(control: &Control) -> Result<Vec<u8>, Refusal> {
         }
     };
     if let Some(line) = line.as_object_mut() {
+        // That of JPEG images is known.
+        line.remove("full_range");
         line.extend([("format".to_owned(), "jpeg".into()), ("bytes".to_owned(), image.len().into())]);
     }
     let mut answer = format!("{line}\n").into_bytes();
@@ -83,7 +88,7 @@ struct Small {
 
 impl Small {
     async fn read(connection: &mut Connection, head: &Head) -> Result<Self, Refusal> {
-        let Head { format, width, height, bytes } = *head;
+        let Head { format, width, height, bytes, full_range } = *head;
         let row_bytes = if format == Format::Yuyv { 2 * width } else { width };
         let rows = if format == Format::Nv12 { height + height / 2 } else { height };
         let is_possible = [width, height].iter().all(|side| (2..=MOST_SIDE).contains(side) && side % 2 == 0);
@@ -95,6 +100,9 @@ impl Small {
         for index in 0..rows {
             connection.read_exact(&mut row).await.map_err(|error| Refusal::failed(&error))?;
             small.take(head, index, &row);
+        }
+        if !full_range {
+            small.widen();
         }
         Ok(small)
     }
@@ -139,6 +147,14 @@ impl Small {
         }
     }
 
+    /// Widens the values of video to those of JPEG images.
+    fn widen(&mut self) {
+        let [luma, blue, red] = &mut self.planes;
+        let widened = |value: u8, zero: i32, range: i32| (i32::from(value) - zero) * 255 / range;
+        luma.iter_mut().for_each(|value| *value = widened(*value, 16, 219).clamp(0, 255) as u8);
+        blue.iter_mut().chain(red).for_each(|value| *value = (widened(*value, 128, 224) + 128).clamp(0, 255) as u8);
+    }
+
     fn encode(self) -> io::Result<Vec<u8>> {
         let mut image = Vec::new();
         Encoder::new(&mut image, QUALITY).encode_image(self).map_err(|error| io::Error::other(error.to_string()))?;
@@ -174,7 +190,7 @@ mod tests {
 
     /// A picture whose luma is the sum of the coordinates, blue 100 plus the column and red 200 minus the row.
     fn read(format: Format, width: usize, height: usize) -> Small {
-        let head = Head { format, width, height, bytes: 0 };
+        let head = Head { format, width, height, bytes: 0, full_range: true };
         let mut small = Small::new(&head);
         let luma = |x: usize, y: usize| (x + y) as u8;
         for y in 0..height {
@@ -206,6 +222,14 @@ mod tests {
             (yuyv.width, yuyv.height, yuyv.planes[0][33], yuyv.planes[1][33], yuyv.planes[2][33]),
             (32, 16, 2, 100, 200)
         );
+    }
+
+    #[test]
+    fn black_and_white_of_video_become_those_of_an_image() {
+        let planes = [vec![16, 235, 0, 255, 126], vec![128, 240], vec![16, 0]];
+        let mut small = Small { width: 5, height: 1, planes };
+        small.widen();
+        assert_eq!(small.planes, [vec![0, 255, 0, 255, 128], vec![128, 255], vec![1, 0]]);
     }
 
     #[test]

@@ -7,7 +7,14 @@ use std::{
     fs,
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::{IpAddr, SocketAddr, TcpStream},
-    os::unix::fs::PermissionsExt as _,
+    os::{
+        fd::OwnedFd,
+        unix::{
+            fs::PermissionsExt as _,
+            net::{UnixListener, UnixStream},
+        },
+    },
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
     time::{Duration, Instant},
@@ -502,6 +509,47 @@ fn check_and_report_say_what_is_wrong_without_names_and_addresses() {
         assert!(report.contains(part), "{part}: {report}");
     }
     assert!(!report.contains("anna") && !report.contains("10.1.2.3"), "{report}");
+}
+
+/// Plays the service manager: starts the helper for each connection, with programs that only say what they are asked.
+fn serve_helper(folder: &Path) -> PathBuf {
+    for (name, code) in [("systemctl", "echo systemctl $* >&2"), ("systemd-run", "shift 19; echo $*")] {
+        let path = folder.join("bin").join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, format!("#!/bin/sh\n{code}\n")).unwrap();
+        fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let (socket, programs) = (folder.join("helper"), folder.join("bin"));
+    let listener = UnixListener::bind(&socket).unwrap();
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            let stream = OwnedFd::from(stream.unwrap());
+            let mut helper = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../systemd/facewire-helper"));
+            helper.env("PATH", format!("{}:/usr/bin:/bin", programs.display()));
+            helper.stdin(stream.try_clone().unwrap()).stdout(stream).stderr(Stdio::null()).status().unwrap();
+        }
+    });
+    socket
+}
+
+#[test]
+fn the_helper_starts_and_stops_the_service_and_does_nothing_that_it_does_not_know() {
+    let first = Console::start(SETTINGS);
+    assert!(first.post("service", &json!({"do": "start"})).text().contains("sudo systemctl enable --now facewire"));
+    let socket = serve_helper(first.folder.path());
+    let console = first.again_with(&["--helper", socket.to_str().unwrap()]);
+    let started = console.post("service", &json!({"do": "start"}));
+    assert_eq!(started.json()["done"], "the service runs, and starts with the system", "{started:?}");
+    assert_eq!(console.post("service", &json!({"do": "stop"})).status, 200);
+    assert_eq!(console.post("service", &json!({"do": "start; reboot"})).status, 400);
+    let lines = console.post("check", &json!({})).json()["lines"].clone();
+    let asked = lines[0]["text"].as_str().unwrap();
+    assert!(asked.ends_with("/usr/bin/facewire check --config /etc/facewire/facewire.toml"), "{asked}");
+    let mut stream = UnixStream::connect(socket).unwrap();
+    stream.write_all(b"reboot\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert_eq!(answer, "the request is not known\n");
 }
 
 #[test]

@@ -44,6 +44,8 @@ use facewire_face::{Landmarks, Profile};
 
 /// Number of clients at a time at each door. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 16;
+/// How many of them may watch or wait, so that one who releases servos finds a free place.
+const MAX_STAYING: usize = 8;
 /// Time between two looks at what clients ask and the hot loop shows, and without clients at new settings.
 const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
@@ -157,6 +159,8 @@ pub(super) struct Server {
     /// When watchers were shown a packet last; `None` without watchers.
     watched_at: Option<Instant>,
     driver: Option<Client>,
+    /// How many clients watch or wait.
+    staying: usize,
 }
 
 impl Server {
@@ -175,8 +179,19 @@ impl Server {
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
         let (clients, calibrating, recording, watched_at, driver) = (Vec::new(), None, None, None, None);
-        let server =
-            Self { doors, settings, config, peers, stop_signal, clients, calibrating, recording, watched_at, driver };
+        let server = Self {
+            doors,
+            settings,
+            config,
+            peers,
+            stop_signal,
+            clients,
+            calibrating,
+            recording,
+            watched_at,
+            driver,
+            staying: 0,
+        };
         Ok((server, stop))
     }
 
@@ -273,6 +288,7 @@ impl Server {
                 self.clients.push(client);
             }
         }
+        self.staying = self.clients.iter().filter(|client| !matches!(client.role, Role::Asks)).count();
         if self.watched_at.is_some() && !self.clients.iter().any(|client| matches!(client.role, Role::Watches)) {
             self.peers.watched.ask(false);
             self.watched_at = None;
@@ -343,18 +359,20 @@ impl Server {
             }
             Request::Delete { wearer } => self.delete(&wearer),
             Request::List {} => self.list(),
+            Request::Watch {} | Request::Picture {} | Request::Reload {} if self.staying >= MAX_STAYING => {
+                Err("too many clients watch or wait: close one, or try again later".into())
+            }
             Request::Watch {} => {
                 if self.watched_at.is_none() {
                     self.peers.watched.ask(true);
                     self.watched_at = Some(Instant::now());
                 }
-                client.role = Role::Watches;
-                return self.clients.push(client);
+                return self.stay(client, Role::Watches);
             }
             Request::Status {} => Ok(Reply::Status(Box::new(self.status()))),
             Request::Release { on } => {
-                client.role = self.release(on);
-                return self.clients.push(client);
+                let role = self.release(on);
+                return self.stay(client, role);
             }
             Request::Drive {} if self.driver.is_some() => {
                 Err("somebody else drives: try again when they have ended".into())
@@ -374,22 +392,25 @@ impl Server {
                     .into())
             }
             Request::Picture {} => match picture_of(self.peers.pictures.clone(), USUAL_SIZE) {
-                Some(role) => {
-                    client.role = role;
-                    return self.clients.push(client);
-                }
+                Some(role) => return self.stay(client, role),
                 None => Err("too many pictures are asked for: try again when the camera shows some".into()),
             },
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
                 // If the supervisor has ended, the service stops and closes the connection.
                 let _ = self.peers.reload.send(asker);
-                client.role = Role::Awaits(Box::new(move || Some((answer.try_recv().ok()?, Vec::new()))));
-                return self.clients.push(client);
+                let answer = move || Some((answer.try_recv().ok()?, Vec::new()));
+                return self.stay(client, Role::Awaits(Box::new(answer)));
             }
         };
         let reply = outcome.unwrap_or_else(|refusal| Reply::Refused(refusal.to_string()));
         self.send(client, |client| client.send(&reply));
+    }
+
+    fn stay(&mut self, mut client: Client, role: Role) {
+        client.role = role;
+        self.staying += 1;
+        self.clients.push(client);
     }
 
     fn store(&self) -> Store {

@@ -293,7 +293,7 @@ mod tests {
         let links = Links::change(&settings, Vec::new(), &counters.traffic).unwrap();
         let (panel, operator) = (links.panels().remove(0), Arc::clone(&counters.traffic.operator));
         let (_stuck, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-        let ((mut played, puppet), changes) = (triple_buffer::triple_buffer(&None), mpsc::channel().1);
+        let ((mut played, puppet), (reload, changes)) = (triple_buffer::triple_buffer(&None), mpsc::channel());
         let (shown, mut watched) = observer::channel();
         let sender = Sender { links, changes, news, puppet, watched: shown, counters: Arc::clone(&counters) };
         let sender = thread::spawn(|| sender.run());
@@ -325,8 +325,20 @@ mod tests {
         };
         until((State::Live, 0.5), true);
         assert_eq!(pulse_us(), None, "nothing wins over a release");
+        let other = config::parse("test", &link.replace("away", "gone")).unwrap();
+        let links = Links::change(&other, Vec::new(), &counters.traffic).unwrap();
+        let reloaded = links.panels().remove(0);
+        reload.send(links).unwrap();
+        while reloaded.dropped.load(Relaxed) < 3 {
+            thread::yield_now();
+        }
+        assert_eq!(reloaded.dials.channels[0].pulse_us.get(), None, "nor does a reload");
         until((State::Neutral, 0.0), false);
-        assert!(!operator.is_driven.load(Relaxed) && release(false) < Duration::from_secs(10));
+        assert!(!operator.is_driven.load(Relaxed));
+        operator.is_released.store(false, Relaxed);
+        while reloaded.dials.channels[0].pulse_us.get().is_none() {
+            thread::yield_now();
+        }
         counters.stop();
         sender.join().unwrap();
     }

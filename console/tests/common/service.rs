@@ -158,9 +158,9 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
         }
         "picture" => {
             say(
-                json!({"picture": {"format": "yuyv", "width": 1280, "height": 16, "bytes": 1280 * 16 * 2, "landmarks": null}}),
+                json!({"picture": {"format": "yuyv", "width": 1280, "height": 720, "bytes": 1280 * 720 * 2, "landmarks": null}}),
             )?;
-            stream.write_all(&[128; 1280 * 16 * 2]).ok()
+            stream.write_all(&[128; 1280 * 720 * 2]).ok()
         }
         "drive" => {
             say(json!({"driving": true}))?;
@@ -214,21 +214,26 @@ impl Console {
         let program = folder.path().join("facewire");
         fs::write(&program, PROGRAM).unwrap();
         fs::set_permissions(program, fs::Permissions::from_mode(0o755)).unwrap();
-        let viewer = Self::spawn(folder.path());
+        let viewer = Self::spawn(folder.path(), &[]);
         Self { viewer, service: Arc::new(service), folder: Arc::new(folder) }
     }
 
     /// Starts one more program for the same service and settings.
     pub fn again(&self) -> Self {
-        let viewer = Self::spawn(self.folder.path());
+        self.again_with(&[])
+    }
+
+    /// As [`Self::again`], with more arguments.
+    pub fn again_with(&self, more: &[&str]) -> Self {
+        let viewer = Self::spawn(self.folder.path(), more);
         Self { viewer, service: Arc::clone(&self.service), folder: Arc::clone(&self.folder) }
     }
 
-    fn spawn(folder: &Path) -> Viewer {
+    fn spawn(folder: &Path, more: &[&str]) -> Viewer {
         let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
         let (config, control, state) = (path("facewire.toml"), path("control"), path("state"));
         let arguments = ["--listen", "0.0.0.0:0", "--config", &config, "--control", &control, "--state", &state];
-        Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", path("facewire")))
+        Viewer::spawn(command(&[&arguments, more].concat()).env("FACEWIRE_PROGRAM", path("facewire")))
     }
 
     pub fn settings(&self) -> String {

@@ -468,16 +468,23 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
 }
 
 #[test]
-fn who_asks_for_a_reload_waits_for_its_outcome() {
+fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_a_place_beside_many_watchers() {
     let mut rig = Rig::new();
     let (mut asks, gone) = (rig.ask(Request::Reload {}), rig.ask(Request::Reload {}));
     drop(gone);
     rig.server.serve();
-    assert!(asks.next().is_none());
+    let _others: Vec<_> = (0..7).map(|_| rig.ask(Request::Watch {})).collect();
+    assert!(asks.next().is_none() && rig.refused(Request::Watch {}).contains("too many"));
+    let mut release = rig.ask(Request::Release { on: true });
+    rig.server.serve();
+    assert!(release.next().is_none(), "the links have not been told");
+    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.serve();
+    assert!(matches!(release.next(), Some(Reply::Done(_))));
     let outcome = Reply::Refused("test:1: not valid TOML".to_owned());
     rig.reloads.try_iter().for_each(|asker| drop(asker.send(outcome.clone())));
     rig.server.serve();
-    assert!(asks.next() == Some(outcome) && rig.server.clients.is_empty());
+    assert!(asks.next() == Some(outcome) && rig.server.clients.len() == 7);
 }
 
 #[test]

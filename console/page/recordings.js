@@ -15,11 +15,13 @@ export function Recordings() {
   useEffect(() => void reload(), [recording?.name, playing?.name]);
   const act = (path, body) => async () => {
     const done = await post(path, body);
-    setRemoves(undefined);
+    if (path === "recordings/delete") setRemoves(undefined);
     await reload();
     return done;
   };
   const free = answer?.free_bytes;
+  // The one that is being made can neither be played nor deleted.
+  const list = answer?.list.filter(({ name }) => name !== recording?.name);
   return html`
     <h2>Recordings</h2>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
@@ -33,10 +35,10 @@ export function Recordings() {
       ${playing && html`<p role="status">${playing.name} is played to the links.</p><${Action} run=${act("recordings/end")}>Stop playing<//>`}
       ${free !== undefined && html`<p class=${free < LITTLE_BYTES ? "trouble" : "dim"}>${bytes(free)} are free.${free < LITTLE_BYTES ? " Delete recordings, or end this one soon." : ""}</p>`}
     </div>
-    ${answer?.list.length === 0 && html`<p class="panel">There is no recording yet.</p>`}
-    ${answer?.list.map(({ name, bytes: size, time_s: at }) => html`<article class="panel" key=${name} aria-label=${name}>
-      <h3>${name}</h3>
-      <p class="dim">${time(at)}, ${bytes(size)}</p>
+    ${list?.length === 0 && !recording && html`<p class="panel">There is no recording yet.</p>`}
+    ${list?.map(({ name, bytes: size, time_s: at }) => html`<article class="panel" key=${name} aria-label=${name}>
+      <h3>${time(at)}</h3>
+      <p class="dim">${name}, ${bytes(size)}</p>
       <div class="row">
         <${Action} disabled=${Boolean(playing)} run=${act("recordings/play", { name })} label=${`Play ${name}`}>Play<//>
         <a class="button" href=${`api/1/recordings/${encodeURIComponent(name)}`} download=${name} aria-label=${`Download ${name}`}>Download</a>

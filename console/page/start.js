@@ -38,13 +38,15 @@ function Camera() {
   const chosen = draft.values.camera?.device ?? "auto";
   // A stable path means the same camera after the next start, too.
   const cameras = (devices?.cameras ?? []).map(({ path, stable_paths: [stable], name, modes }) => ({ path: stable ?? path, name, modes }));
+  const choices = [{ path: "auto", name: "The first camera that works" }, ...cameras];
+  if (!choices.some(({ path }) => path === chosen)) choices.push({ path: chosen, name: "As the settings say" });
   return html`<div class="panel">
     <h3>Which camera?</h3>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     ${devices?.not_examined?.map((sentence) => html`<p class="notice warn" key=${sentence}>${sentence}</p>`)}
     ${devices && cameras.length === 0 && html`<p class="notice warn">No camera is plugged in. Plug one in, and look again.</p>`}
     <fieldset class="choices"><legend>Camera</legend>
-      ${[{ path: "auto", name: "The first camera that works" }, ...cameras].map(({ path, name, modes }) => html`<label class="choice" key=${path}>
+      ${choices.map(({ path, name, modes }) => html`<label class="choice" key=${path}>
         <input type="radio" name="camera" checked=${chosen === path} onChange=${() => change({ "camera.device": path })} />
         <span>${name}${path !== "auto" ? html`<small class="dim">${path}</small>` : ""}${modes ? html`<small class="dim">${modes.slice(0, MOST_MODES).join(", ")}${modes.length > MOST_MODES ? " …" : ""}</small>` : ""}</span></label>`)}
     </fieldset>

@@ -45,7 +45,7 @@ export function open() {
   connect({
     hello: (hello) => update({ connection: "open", hello }),
     face,
-    status: (status) => update({ connection: "open", status, recording: { ...store.recording, recording: status.recording, playing: status.playing } }),
+    status: (status) => update({ connection: "open", status, recording: { ...store.recording, ...status.recording } }),
     calibration: (calibration) => update({ calibration }),
     recording: (recording) => update({ recording }),
     lost,

@@ -20,7 +20,7 @@ export function Wearer() {
   };
   const act = (path, body) => async () => {
     const answer = await post(path, body);
-    setRemoves(undefined);
+    if (path === "wearers/delete") setRemoves(undefined);
     await reload();
     return answer;
   };
@@ -61,7 +61,7 @@ function Guide({ progress }) {
     <div>
       <p class="dim">Pose ${Math.min(done + 1, of)} of ${of}</p>
       <h3 aria-live="polite">${instruction}</h3>
-      <p role="status" class=${waits ? "state-warn" : "state-good"}>${what}</p>
+      <p role="status" class=${phase === "wait" ? "state-warn" : "state-good"}>${what}</p>
       ${raised.length > 0 && html`<${Meter} label="How strongly the pose is seen" value=${seen} />`}
       <${Meter} label="How much is measured" value=${measured} />
       ${last && html`<p class="notice warn">Refused ${refused === 1 ? "once" : `${refused} times`}, last because: ${REFUSALS[last] ?? last}</p>`}

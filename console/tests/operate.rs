@@ -296,6 +296,22 @@ fn a_calibration_shows_the_pose_and_why_it_waits_and_ends() {
 }
 
 #[test]
+fn a_recording_begins_ends_is_listed_and_is_deleted_after_a_second_click() {
+    let Some((console, mut browser)) = open("recordings", PHONE) else { return };
+    browser.click("Begin a recording");
+    browser.wait_until("document.querySelector('#page-recordings .state-bad')?.textContent === 'Recording'");
+    browser.wait_until("/0:0[0-9] min, [0-9]+ kB/.test(document.getElementById('page-recordings').innerText)");
+    browser.screenshot("recording");
+    browser.click("End");
+    browser.click("Delete");
+    assert_eq!(console.get("recordings").json()["list"].as_array().unwrap().len(), 1);
+    browser.screenshot("recorded");
+    browser.click("Delete for ever");
+    browser.wait_for_text("There is no recording yet.");
+    assert_eq!(console.get("recordings").json()["list"], json!([]));
+}
+
+#[test]
 fn the_picture_is_asked_for_again_when_it_is_drawn_and_not_while_the_page_shows_something_else() {
     let Some((console, mut browser)) = open("live", DESK) else { return };
     let asked =

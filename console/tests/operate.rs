@@ -267,6 +267,9 @@ fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     browser.click("Difference to now");
     browser.wait_for_text("fps = 50 # fast");
     browser.screenshot("versions");
+    let headings =
+        browser.value("[...document.querySelectorAll('#page-links h2')].map((heading) => heading.textContent)");
+    assert_eq!(headings, json!(["Links", "Settings", "Access"]));
     browser.click("Go back to it");
     let fits = |console: &Console| console.settings().contains("fps = 50");
     while !fits(&console) {

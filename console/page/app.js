@@ -19,7 +19,12 @@ const PAGES = [
   ["start", "Start", Start, "M5 21V4h12l-3 4l3 4H5"],
   ["servos", "Servos", Servos, "M4 6h16M4 12h16M4 18h16M9 4v4M16 10v4M7 16v4"],
   ["wearer", "Wearer", Wearer, "M12 4a4 4 0 1 0 0 8a4 4 0 1 0 0-8M4 21c0-9 16-9 16 0"],
-  ["links", "Settings", Links, "M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1"],
+  [
+    "links",
+    "Settings",
+    Links,
+    "M10 14a4 4 0 0 0 6 0l3-3a4 4 0 0 0-6-6l-1 1M14 10a4 4 0 0 0-6 0l-3 3a4 4 0 0 0 6 6l1-1",
+  ],
   ["health", "Health", Health, "M3 12h4l3-7l4 14l3-7h4"],
   ["recordings", "Record", Recordings, "M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16M12 9a3 3 0 1 0 0 6a3 3 0 1 0 0-6"],
 ];
@@ -27,10 +32,12 @@ const PAGES = [
 const chosen = () => PAGES.find(([name]) => name === location.hash.slice(1))?.[0] ?? "live";
 
 function Tabs({ page }) {
-  return html`<nav aria-label="Pages">${PAGES.map(([name, title, , sign]) => html`
+  return html`<nav aria-label="Pages">${PAGES.map(
+    ([name, title, , sign]) => html`
     <a key=${name} href=${`#${name}`} aria-current=${name === page ? "page" : undefined}>
       <svg viewBox="0 0 24 24" aria-hidden="true"><path d=${sign} /></svg>${title}
-    </a>`)}</nav>`;
+    </a>`,
+  )}</nav>`;
 }
 
 const release = (on) => post("servos/release", { on });
@@ -38,7 +45,11 @@ const release = (on) => post("servos/release", { on });
 // Stops all servos. The button shows that they are stopped as soon as the service says so.
 function Stop() {
   const [trouble, setTrouble] = useState();
-  const stop = () => release(true).then(() => setTrouble(), (error) => setTrouble(error.message));
+  const stop = () =>
+    release(true).then(
+      () => setTrouble(),
+      (error) => setTrouble(error.message),
+    );
   useEffect(() => {
     const key = (event) => {
       if (!mayOperate() || event.repeat || !isStop(event)) return;
@@ -48,9 +59,11 @@ function Stop() {
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);
-  return html`<button id="stop" type="button" disabled=${!mayOperate()} onClick=${stop} aria-describedby=${trouble && "stop-trouble"}
+  return html`<button id="stop" type="button" disabled=${!mayOperate()} onClick=${stop}
+    aria-describedby=${trouble && "stop-trouble"}
       title=${mayOperate() ? "Lets go of all servos (Escape or space)" : "You may look, but not operate."}>STOP</button>
-    ${trouble && html`<p id="stop-trouble" role="alert">The servos were not released: ${trouble} Switch their supply off.</p>`}`;
+    ${trouble && html`<p id="stop-trouble"
+      role="alert">The servos were not released: ${trouble} Switch their supply off.</p>`}`;
 }
 
 // Escape stops unless text is typed. Space does unless it works a control that has the focus.
@@ -62,15 +75,35 @@ function isStop({ key, target }) {
 
 function Banners() {
   const { connection, status, session } = store;
-  const banner = (kind, text, rest) => html`<div class=${`notice ${kind}`} role=${kind === "bad" ? "alert" : "status"}><span>${text}</span>${rest}</div>`;
+  const banner = (kind, text, rest) =>
+    html`<div class=${`notice ${kind}`} role=${kind === "bad" ? "alert" : "status"}><span>${text}</span>${rest}</div>`;
   return html`<div id="banners">
     ${connection !== "open" && banner("bad", `The connection is lost: ${connection}. What is shown is old.`)}
-    ${status?.service?.released && banner("bad released", "All servos are released: they get no pulses.",
-    html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`)}
-    ${status && !status.running && banner("bad", `The service does not run. ${status.trouble ?? ""}`,
-    html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`)}
-    ${status?.refused && banner("bad", "The service refuses its settings.",
-    html`<a href="#links">Look at the settings</a> <${Action} run=${restoreLast}>Back to the last that worked<//>`)}
+    ${
+      status?.service?.released &&
+      banner(
+        "bad released",
+        "All servos are released: they get no pulses.",
+        html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`,
+      )
+    }
+    ${
+      status &&
+      !status.running &&
+      banner(
+        "bad",
+        `The service does not run. ${status.trouble ?? ""}`,
+        html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`,
+      )
+    }
+    ${
+      status?.refused &&
+      banner(
+        "bad",
+        "The service refuses its settings.",
+        html`<a href="#links">Look at the settings</a> <${Action} run=${restoreLast}>Back to the last that worked<//>`,
+      )
+    }
     ${status?.operator && !status.operator.me && banner("warn", `${status.operator.name} moves the servos now. You can look, and stop them.`)}
     ${status?.picture && banner("warn", "The camera's picture can be seen here.", html`<a href="#links">Settings</a>`)}
     ${session?.role === "look" && hasService() && banner("", "You may look, but not operate.")}
@@ -104,7 +137,8 @@ function App() {
     <${Banners} />
     <main>
       <${Live} isShown=${!isWhole || page === "live"} />
-      ${isWhole && page !== "live" && html`<section class="page" id=${`page-${page}`} aria-label=${title}><${Page} /></section>`}
+      ${isWhole && page !== "live" && html`<section class="page" id=${`page-${page}`}
+        aria-label=${title}><${Page} /></section>`}
     </main>
     <${DraftBar} />`;
 }

@@ -22,13 +22,19 @@ export function Chart({ title, unit, times, lines }) {
   return html`<figure class="panel">
     <figcaption>${title}${unit ? ` in ${unit}` : ""}, last hour</figcaption>
     <canvas class="chart" ref=${canvas} role="img" aria-label=${`${title}, now: ${said}`}></canvas>
-    <ul class="legend">${lines.map(({ title: name, values, isDashed }, index) => html`<li key=${name} class=${isDashed ? "dashed" : ""} style=${{ "--colour": colourOf(lines, index) }}>
-      ${name} <b>${newest(values)?.toFixed(1) ?? "–"}</b></li>`)}</ul>
+    <ul class="legend">${lines.map(
+      (
+        { title: name, values, isDashed },
+        index,
+      ) => html`<li key=${name} class=${isDashed ? "dashed" : ""} style=${{ "--colour": colourOf(lines, index) }}>
+      ${name} <b>${newest(values)?.toFixed(1) ?? "–"}</b></li>`,
+    )}</ul>
   </figure>`;
 }
 
 // A dashed line has the colour of the line before it.
-const colourOf = (lines, index) => COLOURS[lines.slice(0, index + 1).filter(({ isDashed }) => !isDashed).length - 1] ?? COLOURS[0];
+const colourOf = (lines, index) =>
+  COLOURS[lines.slice(0, index + 1).filter(({ isDashed }) => !isDashed).length - 1] ?? COLOURS[0];
 
 // The next round number: 1, 2 or 5 times a power of ten.
 function scale(most) {
@@ -51,11 +57,15 @@ function paint(canvas, times, lines, most) {
   const y = (value) => 6 + (height - BOTTOM - 6) * (1 - value / most);
   context.textAlign = "right";
   for (const level of [0, most / 2, most]) {
-    stroke(context, [[LEFT, y(level)], [width - 4, y(level)]]);
+    stroke(context, [
+      [LEFT, y(level)],
+      [width - 4, y(level)],
+    ]);
     context.fillText(String(Number(level.toPrecision(3))), LEFT - 6, y(level) + 4);
   }
   context.textAlign = "center";
-  for (const minutes of [60, 40, 20]) context.fillText(`−${minutes} min`, Math.max(LEFT + 14, x(now - 60 * minutes)), height - 4);
+  for (const minutes of [60, 40, 20])
+    context.fillText(`−${minutes} min`, Math.max(LEFT + 14, x(now - 60 * minutes)), height - 4);
   context.lineWidth = 1.5;
   lines.forEach(({ values, isDashed }, index) => {
     context.strokeStyle = colourOf(lines, index);

@@ -17,7 +17,8 @@ export function Action({ run, children, kind = "", disabled = false, needsRole =
     }
   };
   return html`<span class="action">
-    <button type="button" class=${kind} aria-label=${label} disabled=${disabled || isForbidden || state.isBusy} onClick=${act}
+    <button type="button" class=${kind} aria-label=${label} disabled=${disabled || isForbidden || state.isBusy}
+      onClick=${act}
       title=${isForbidden ? "You may look, but not operate." : undefined}>${children}</button>
     ${state.trouble && html`<span role="alert" class="trouble">${state.trouble}</span>`}
     ${state.said && html`<span role="status" class="said">${state.said}</span>`}
@@ -27,7 +28,14 @@ export function Action({ run, children, kind = "", disabled = false, needsRole =
 // Returns the answer to a GET, the sentence of a refusal, and a function that asks again.
 export function useAnswer(path) {
   const [state, set] = useState({});
-  const load = useCallback(() => get(path).then((answer) => set({ answer }), (error) => set((old) => ({ ...old, trouble: error.message }))), [path]);
+  const load = useCallback(
+    () =>
+      get(path).then(
+        (answer) => set({ answer }),
+        (error) => set((old) => ({ ...old, trouble: error.message })),
+      ),
+    [path],
+  );
   useEffect(() => void load(), [load]);
   return [state.answer, state.trouble, load];
 }
@@ -49,5 +57,7 @@ export function bytes(count) {
   return `${(count / unit[1]).toFixed(unit[1] === 1e3 ? 0 : 1)} ${unit[0]}`;
 }
 
-export const duration = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")} min`;
-export const time = (seconds) => new Date(seconds * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+export const duration = (seconds) =>
+  `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")} min`;
+export const time = (seconds) =>
+  new Date(seconds * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });

@@ -6,7 +6,15 @@ import { Action } from "./common.js";
 import { get, mayOperate, post, update, useStore } from "./store.js";
 
 // `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets.
-export const draft = { kept: undefined, text: undefined, values: {}, schema: undefined, faults: [], changed: [], versions: [] };
+export const draft = {
+  kept: undefined,
+  text: undefined,
+  values: {},
+  schema: undefined,
+  faults: [],
+  changed: [],
+  versions: [],
+};
 let loading;
 // Edits follow each other, so that each begins with the text that the one before it gave.
 let last = Promise.resolve();
@@ -24,7 +32,18 @@ export function loadDraft() {
 async function reload() {
   try {
     const { path, text, hash, schema, values, faults, versions } = await get("settings");
-    set({ path, base: hash, kept: text, text, schema, values: values ?? {}, faults: faults ?? [], versions, changed: [], trouble: undefined });
+    set({
+      path,
+      base: hash,
+      kept: text,
+      text,
+      schema,
+      values: values ?? {},
+      faults: faults ?? [],
+      versions,
+      changed: [],
+      trouble: undefined,
+    });
   } catch (error) {
     loading = undefined;
     set({ trouble: error.message });
@@ -41,11 +60,12 @@ export function useDraft() {
 const after = (step) => (last = last.catch(() => undefined).then(step));
 
 // Changes settings: { "camera.fps": 60, "link.0.channel.2.neutral": null to remove the line }.
-export const change = (changes) => after(async () => {
-  await loadDraft();
-  const { text } = await post("settings/edit", { text: draft.text, changes });
-  await check(text);
-});
+export const change = (changes) =>
+  after(async () => {
+    await loadDraft();
+    const { text } = await post("settings/edit", { text: draft.text, changes });
+    await check(text);
+  });
 
 export const setText = (text) => after(() => check(text));
 
@@ -57,11 +77,12 @@ async function check(text) {
 
 export const isChanged = () => draft.text !== draft.kept;
 
-export const keep = () => after(async () => {
-  const answer = await post("settings/keep", { text: draft.text, base: draft.base });
-  await reload();
-  return answer;
-});
+export const keep = () =>
+  after(async () => {
+    const answer = await post("settings/keep", { text: draft.text, base: draft.base });
+    await reload();
+    return answer;
+  });
 
 export async function restore(id) {
   const answer = await post("settings/restore", { id });
@@ -72,7 +93,8 @@ export async function restore(id) {
 // The versions begin with the newest. The newest of them that is not what the file holds now was the last to work.
 export async function restoreLast() {
   await reload();
-  if (!draft.versions?.length) throw new Error("No earlier settings were kept. Mend the faults beside their lines instead.");
+  if (!draft.versions?.length)
+    throw new Error("No earlier settings were kept. Mend the faults beside their lines instead.");
   return restore(draft.versions[0].id);
 }
 
@@ -90,8 +112,12 @@ export function DraftBar() {
   const count = changed.length === 1 ? "1 setting is" : `${changed.length || "Some"} settings are`;
   return html`<aside id="draft" aria-label="Changed settings">
     ${isOpen && html`<${Difference} from=${draft.kept} to=${draft.text} />`}
-    ${faults.length > 0 ? html`<p class="trouble"><b>${faults.length === 1 ? "A fault" : `${faults.length} faults`}:</b> ${faults[0].line ? `line ${faults[0].line}: ` : ""}${faults[0].text}</p>`
-    : html`<p>${count} changed and not kept yet.</p>`}
+    ${
+      faults.length > 0
+        ? html`<p
+          class="trouble"><b>${faults.length === 1 ? "A fault" : `${faults.length} faults`}:</b> ${faults[0].line ? `line ${faults[0].line}: ` : ""}${faults[0].text}</p>`
+        : html`<p>${count} changed and not kept yet.</p>`
+    }
     <div class="row">
       <button type="button" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}>Difference</button>
       <${Action} run=${discard} needsRole=${false}>Discard<//>
@@ -102,10 +128,12 @@ export function DraftBar() {
 
 export function Difference({ from, to }) {
   const lines = difference(from.split("\n"), to.split("\n"));
-  return html`<pre class="difference" tabindex="0" aria-label="Difference to the kept settings">${lines.map(([sign, text], index) => {
-    const kind = sign === "+" ? "added" : sign === "-" ? "removed" : "";
-    return html`<span key=${index} class=${kind}>${sign} ${text}${"\n"}</span>`;
-  })}</pre>`;
+  return html`<pre class="difference" tabindex="0" aria-label="Difference to the kept settings">${lines.map(
+    ([sign, text], index) => {
+      const kind = sign === "+" ? "added" : sign === "-" ? "removed" : "";
+      return html`<span key=${index} class=${kind}>${sign} ${text}${"\n"}</span>`;
+    },
+  )}</pre>`;
 }
 
 // The lines that were added and removed, each with two lines of what is around it.
@@ -116,8 +144,14 @@ export function difference(before, after) {
   const most = Math.min(before.length, after.length) - start;
   while (end < most && before[before.length - 1 - end] === after[after.length - 1 - end]) end += 1;
   const [a, b] = [before.slice(start, before.length - end), after.slice(start, after.length - end)];
-  const all = [...before.slice(Math.max(0, start - 2), start).map((line) => [" ", line]), ...longest(a, b),
-    ...before.slice(before.length - end).slice(0, 2).map((line) => [" ", line])];
+  const all = [
+    ...before.slice(Math.max(0, start - 2), start).map((line) => [" ", line]),
+    ...longest(a, b),
+    ...before
+      .slice(before.length - end)
+      .slice(0, 2)
+      .map((line) => [" ", line]),
+  ];
   const isNear = (index) => all.slice(Math.max(0, index - 2), index + 3).some(([sign]) => sign !== " ");
   return all.flatMap((line, index) => (isNear(index) ? [line] : isNear(index - 1) ? [["…", ""]] : []));
 }

@@ -59,13 +59,14 @@ export class Drive {
       // The time until the answer counts, so that a slow network does not make the heartbeat late.
       const left = (period) => Math.max(0, period - (performance.now() - sent));
       await wait(left(LEAST_MS));
-      if (!this.line) await new Promise((done) => {
-        const timer = setTimeout(done, left(HEARTBEAT_MS));
-        this.wake = () => {
-          clearTimeout(timer);
-          done();
-        };
-      });
+      if (!this.line)
+        await new Promise((done) => {
+          const timer = setTimeout(done, left(HEARTBEAT_MS));
+          this.wake = () => {
+            clearTimeout(timer);
+            done();
+          };
+        });
     }
   }
 }

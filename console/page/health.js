@@ -35,8 +35,10 @@ function Now({ status }) {
     ["adaptation", present(metrics, "facewire_step").join(", ") || "–"],
     ["free space", status?.free_bytes ? bytes(status.free_bytes) : "–"],
   ];
-  return html`<dl class="facts">${facts.map(([name, value]) => html`<div key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
-    ${impairments(status).map((sentence) => html`<p class="notice warn" role="status" key=${sentence}>${sentence}</p>`)}`;
+  return html`<dl class="facts">${facts.map(([name, value]) => html`<div
+    key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
+    ${impairments(status).map((sentence) => html`<p class="notice warn" role="status"
+      key=${sentence}>${sentence}</p>`)}`;
 }
 
 // The columns are named STAGE_p50_ms and STAGE_p99_ms.
@@ -63,8 +65,13 @@ function Check() {
   return html`<div class="panel"><h3>Check</h3>
     <p>Tries camera, networks, model and links, and names a remedy for what does not work.</p>
     <${Action} run=${run}>Check now<//>
-    ${lines && html`<ul class="check-lines" aria-label="What the check says">${lines.map(({ level, text }, index) => html`<li key=${index} class=${level}>
-      <span aria-hidden="true">${SIGNS[level] ?? ""}</span> ${text}</li>`)}</ul>`}
+    ${
+      lines &&
+      html`<ul class="check-lines" aria-label="What the check says">${lines.map(
+        ({ level, text }, index) => html`<li key=${index} class=${level}>
+      <span aria-hidden="true">${SIGNS[level] ?? ""}</span> ${text}</li>`,
+      )}</ul>`
+    }
   </div>`;
 }
 

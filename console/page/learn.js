@@ -13,13 +13,18 @@ const FULL_TURN_DEG = 40;
 const samples = [];
 onFace(({ packet }) => {
   if (packet?.state !== "live") return;
-  samples.push({ time: packet.time_s, values: [...packet.coefficients, ...packet.angles_deg.map((angle) => angle / FULL_TURN_DEG)] });
+  samples.push({
+    time: packet.time_s,
+    values: [...packet.coefficients, ...packet.angles_deg.map((angle) => angle / FULL_TURN_DEG)],
+  });
   while (packet.time_s - samples[0].time > BEFORE_S) samples.shift();
 });
 
 export async function learn() {
   const names = [...store.hello.names, "headYaw", "headPitch", "headRoll"];
-  const before = names.map((_, index) => samples.reduce((sum, { values }) => sum + values[index], 0) / Math.max(1, samples.length));
+  const before = names.map(
+    (_, index) => samples.reduce((sum, { values }) => sum + values[index], 0) / Math.max(1, samples.length),
+  );
   const moved = names.map(() => 0);
   const end = onFace(() => {
     const newest = samples.at(-1);
@@ -27,6 +32,9 @@ export async function learn() {
   });
   await wait(MOVEMENT_MS);
   end();
-  return names.map((name, index) => ({ name, moved: moved[index] })).filter(({ moved: by }) => by >= LEAST)
-    .sort((a, b) => b.moved - a.moved).slice(0, MOST_OFFERED);
+  return names
+    .map((name, index) => ({ name, moved: moved[index] }))
+    .filter(({ moved: by }) => by >= LEAST)
+    .sort((a, b) => b.moved - a.moved)
+    .slice(0, MOST_OFFERED);
 }

@@ -6,7 +6,11 @@ import { Fields, isField, ordered } from "./fields.js";
 import { get, loadSession, mayOperate, post, useStore } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
-const VIEWS = [["form", "Form"], ["text", "Text"], ["versions", "Versions"]];
+const VIEWS = [
+  ["form", "Form"],
+  ["text", "Text"],
+  ["versions", "Versions"],
+];
 
 export function Links() {
   const { status } = useStore();
@@ -17,13 +21,19 @@ export function Links() {
     <${LinkStates} links=${status?.service?.links ?? []} />
     <h2>Settings</h2>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
-    ${text !== undefined && html`
+    ${
+      text !== undefined &&
+      html`
       <p class="dim">${draft.path}</p>
-      <div class="row" role="group" aria-label="Show the settings as">${VIEWS.map(([key, title]) => html`
-        <button type="button" key=${key} aria-pressed=${String(view === key)} onClick=${() => setView(key)}>${title}</button>`)}</div>
+      <div class="row" role="group" aria-label="Show the settings as">${VIEWS.map(
+        ([key, title]) => html`
+        <button type="button" key=${key} aria-pressed=${String(view === key)}
+          onClick=${() => setView(key)}>${title}</button>`,
+      )}</div>
       ${view === "form" && html`<${Form} />`}
       ${view === "text" && html`<${Text} />`}
-      ${view === "versions" && html`<${Versions} />`}`}
+      ${view === "versions" && html`<${Versions} />`}`
+    }
     <${Access} />`;
 }
 
@@ -37,10 +47,13 @@ function Access() {
     await loadSession();
   };
   return html`<h2>Access</h2><div class="panel">
-    <div class="row"><label class="grow">New password<input type="password" autocomplete="new-password" minlength="8" value=${password} onInput=${(event) => setPassword(event.target.value)} /></label>
-      <${Action} disabled=${password.length < 8} run=${() => post("password", { new: password }).then(() => ({ done: "The password is changed." }))}>Change<//></div>
+    <div class="row"><label class="grow">New password<input type="password" autocomplete="new-password" minlength="8"
+      value=${password} onInput=${(event) => setPassword(event.target.value)} /></label>
+      <${Action} disabled=${password.length < 8}
+        run=${() => post("password", { new: password }).then(() => ({ done: "The password is changed." }))}>Change<//></div>
     <p class="dim">Whoever opens a link to look sees all pages, and changes nothing. A new link ends the former one.</p>
-    <div class="row"><${Action} run=${share}>Make a link to look<//><${Action} needsRole=${false} run=${leave}>Log out<//></div>
+    <div class="row"><${Action} run=${share}>Make a link to look<//><${Action} needsRole=${false}
+      run=${leave}>Log out<//></div>
     ${token && html`<pre tabindex="0">${`${location.origin}${location.pathname}#token=${token}`}</pre>`}
   </div>`;
 }
@@ -51,23 +64,32 @@ function LinkStates({ links }) {
   const now = performance.now();
   if (now - before.current.time > 900) {
     const seconds = (now - before.current.time) / 1000;
-    const rates = links.map(({ sent }, index) => (index in before.current.sent ? (sent - before.current.sent[index]) / seconds : undefined));
+    const rates = links.map(({ sent }, index) =>
+      index in before.current.sent ? (sent - before.current.sent[index]) / seconds : undefined,
+    );
     before.current = { time: now, sent: links.map(({ sent }) => sent), rates };
   }
   if (links.length === 0) return html`<p class="panel">No link is open. The settings below name the receivers.</p>`;
-  return html`${links.map((link, index) => html`<article class="panel" key=${index} aria-label=${link.name}>
-    <h3>${link.name} <small class=${link.open ? "state-good" : "state-bad"}>${link.open ? "connected" : "not connected"}</small></h3>
+  return html`${links.map(
+    (link, index) => html`<article class="panel" key=${index} aria-label=${link.name}>
+    <h3>${link.name} <small
+      class=${link.open ? "state-good" : "state-bad"}>${link.open ? "connected" : "not connected"}</small></h3>
     <p class="numbers"><span>rate <b>${rate(before.current.rates[index])}</b></span>
       <span>sent <b>${link.sent}</b></span> <span>dropped <b>${link.dropped}</b></span></p>
     ${link.trouble && html`<p class="trouble">${link.trouble}</p>`}
-  </article>`)}`;
+  </article>`,
+  )}`;
 }
 
 const rate = (value) => (value === undefined ? "–" : `${Math.max(0, value).toFixed(0)} / s`);
 
 // The schema of a link of this kind.
-export const schemaOf = (schema, kind) => (schema?.properties?.link?.items?.oneOf ?? []).find(({ properties }) => properties.kind.const === kind) ?? { properties: {} };
-export const kindsOf = (schema) => (schema?.properties?.link?.items?.oneOf ?? []).map(({ properties }) => properties.kind.const);
+export const schemaOf = (schema, kind) =>
+  (schema?.properties?.link?.items?.oneOf ?? []).find(({ properties }) => properties.kind.const === kind) ?? {
+    properties: {},
+  };
+export const kindsOf = (schema) =>
+  (schema?.properties?.link?.items?.oneOf ?? []).map(({ properties }) => properties.kind.const);
 
 function Form() {
   const { schema, values, faults } = draft;
@@ -75,28 +97,38 @@ function Form() {
   const links = values.link ?? [];
   const elsewhere = faults.filter(({ key }) => !key);
   const top = { properties: Object.fromEntries(ordered(schema ?? {}).filter(([, field]) => isField(field))) };
-  const sections = ordered(schema ?? {}).map(([name, section]) => [name, section.$ref ? schema.$defs[section.$ref.split("/").pop()] : section])
+  const sections = ordered(schema ?? {})
+    .map(([name, section]) => [name, section.$ref ? schema.$defs[section.$ref.split("/").pop()] : section])
     .filter(([, { properties }]) => properties !== undefined);
   const count = (table) => Object.values(table ?? {}).filter((value) => typeof value !== "object").length;
   return html`
     ${elsewhere.map(({ line, text }) => html`<${Trouble}>${line ? `Line ${line}: ` : ""}${text}<//>`)}
-    ${links.map((link, index) => html`<details class="panel" key=${index}><summary>Link ${index + 1}: ${link.kind}</summary>
-      <${Fields} schema=${schemaOf(schema, link.kind)} values=${link} path=${`link.${index}`} faults=${faults} hidden=${["kind"]} />
+    ${links.map(
+      (link, index) => html`<details class="panel" key=${index}><summary>Link ${index + 1}: ${link.kind}</summary>
+      <${Fields} schema=${schemaOf(schema, link.kind)} values=${link} path=${`link.${index}`} faults=${faults}
+        hidden=${["kind"]} />
       ${link.channel && html`<p>Its ${link.channel.length} channels are on the page <a href="#servos">Servos</a>.</p>`}
       <${Action} run=${() => change({ [`link.${index}`]: null })}>Remove this link<//>
-    </details>`)}
+    </details>`,
+    )}
     <div class="panel row">
-      <label class="grow">A new link<select value=${kind} disabled=${!mayOperate()} onChange=${(event) => setKind(event.target.value)}>
+      <label class="grow">A new link<select value=${kind} disabled=${!mayOperate()}
+        onChange=${(event) => setKind(event.target.value)}>
         ${kindsOf(schema).map((name) => html`<option key=${name} value=${name}>${name}</option>`)}</select></label>
       <${Action} run=${() => change({ [`link.${links.length}.kind`]: kind })}>Add<//>
     </div>
-    <details class="panel"><summary>General</summary><${Fields} schema=${top} values=${values} path="" faults=${faults} /></details>
-    ${sections.map(([name, section]) => html`<details class="panel" key=${name}>
-      <summary>${name}${count(values[name]) > 0 ? html` <small class="badge">${count(values[name])} changed</small>` : ""}</summary>
+    <details class="panel"><summary>General</summary><${Fields} schema=${top} values=${values} path=""
+      faults=${faults} /></details>
+    ${sections.map(
+      ([name, section]) => html`<details class="panel" key=${name}>
+      <summary>${name}${count(values[name]) > 0 ? html` <small
+        class="badge">${count(values[name])} changed</small>` : ""}</summary>
       ${section.description && html`<p class="dim">${section.description}</p>`}
       <${Fields} schema=${section} values=${values[name]} path=${name} faults=${faults} />
-      ${name === "adjust" && html`<p class="dim">Single coefficients are adjusted in the text: jawOpen = { gain = 1.2, max = 0.8 }</p>`}
-    </details>`)}`;
+      ${name === "adjust" && html`<p
+        class="dim">Single coefficients are adjusted in the text: jawOpen = { gain = 1.2, max = 0.8 }</p>`}
+    </details>`,
+    )}`;
 }
 
 // The file's own text. A fault stands beside its line.
@@ -110,7 +142,14 @@ function Text() {
   const put = (next) => {
     set(next);
     clearTimeout(timer.current);
-    timer.current = setTimeout(() => setText(next).then(() => setTrouble(), (error) => setTrouble(error.message)), 400);
+    timer.current = setTimeout(
+      () =>
+        setText(next).then(
+          () => setTrouble(),
+          (error) => setTrouble(error.message),
+        ),
+      400,
+    );
   };
   const lines = text.split("\n");
   const faulty = new Map(draft.faults.filter(({ line }) => line).map(({ line, text: why }) => [line, why]));
@@ -121,26 +160,41 @@ function Text() {
     area.current.scrollTop = (line - 4) * (area.current.scrollHeight / lines.length);
   };
   return html`
-    ${draft.faults.length > 0 && html`<ul class="faults" aria-label="Faults">${draft.faults.map(({ line, text: why }) => html`<li>
-      ${line ? html`<button type="button" class="small" onClick=${() => goTo(line)}>Line ${line}</button> ` : ""}${why}</li>`)}</ul>`}
+    ${
+      draft.faults.length > 0 &&
+      html`<ul class="faults" aria-label="Faults">${draft.faults.map(
+        ({ line, text: why }) => html`<li>
+      ${line ? html`<button type="button" class="small"
+        onClick=${() => goTo(line)}>Line ${line}</button> ` : ""}${why}</li>`,
+      )}</ul>`
+    }
     <div class="editor">
-      <pre ref=${gutter} aria-hidden="true">${lines.map((_, index) => html`<span key=${index} class=${faulty.has(index + 1) ? "bad" : ""}>${index + 1}${"\n"}</span>`)}</pre>
-      <textarea ref=${area} aria-label="Text of the settings" wrap="off" spellcheck="false" autocapitalize="none" readonly=${!mayOperate()} value=${text}
-        onInput=${(event) => put(event.target.value)} onScroll=${(event) => (gutter.current.scrollTop = event.target.scrollTop)}></textarea>
+      <pre ref=${gutter} aria-hidden="true">${lines.map((_, index) => html`<span key=${index}
+        class=${faulty.has(index + 1) ? "bad" : ""}>${index + 1}${"\n"}</span>`)}</pre>
+      <textarea ref=${area} aria-label="Text of the settings" wrap="off" spellcheck="false" autocapitalize="none"
+        readonly=${!mayOperate()} value=${text}
+        onInput=${(event) => put(event.target.value)}
+          onScroll=${(event) => (gutter.current.scrollTop = event.target.scrollTop)}></textarea>
     </div>
     ${trouble && html`<${Trouble}>${trouble}<//>`}`;
 }
 
 function Versions() {
   const [shown, setShown] = useState();
-  const show = async (id) => setShown(shown?.id === id ? undefined : { id, text: (await get(`settings?version=${encodeURIComponent(id)}`)).text });
-  if (!draft.versions?.length) return html`<p class="panel">No earlier version is kept yet. The last ten are kept from now on.</p>`;
-  return html`<ul class="list">${draft.versions.map(({ id, time_s: at, summary }) => html`<li class="panel" key=${id}>
+  const show = async (id) =>
+    setShown(
+      shown?.id === id ? undefined : { id, text: (await get(`settings?version=${encodeURIComponent(id)}`)).text },
+    );
+  if (!draft.versions?.length)
+    return html`<p class="panel">No earlier version is kept yet. The last ten are kept from now on.</p>`;
+  return html`<ul class="list">${draft.versions.map(
+    ({ id, time_s: at, summary }) => html`<li class="panel" key=${id}>
     <p><b>${time(at)}</b> ${summary}</p>
     <div class="row">
       <${Action} needsRole=${false} run=${() => show(id)}>${shown?.id === id ? "Hide" : "Difference to now"}<//>
       <${Action} run=${() => restore(id)}>Go back to it<//>
     </div>
     ${shown?.id === id && html`<${Difference} from=${draft.kept} to=${shown.text} />`}
-  </li>`)}</ul>`;
+  </li>`,
+  )}</ul>`;
 }

@@ -18,7 +18,15 @@ const LEFT_AFTER_A_SECOND = 0.001;
 const element = (id) => document.getElementById(id);
 const now = () => performance.now();
 
-const page = { hello: undefined, snapshot: undefined, arrived: 0, clock: undefined, isPaused: false, isMirrored: false, recorder: undefined };
+const page = {
+  hello: undefined,
+  snapshot: undefined,
+  arrived: 0,
+  clock: undefined,
+  isPaused: false,
+  isMirrored: false,
+  recorder: undefined,
+};
 const parts = { face: undefined, bars: undefined, plot: undefined };
 const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
 
@@ -29,16 +37,20 @@ export function Live({ isShown }) {
   return html`
   <section id="stage" aria-label="Face" hidden=${!isShown}>
     <div id="picture">
-      <canvas id="face" role="img" aria-label="A head that moves with the coefficients and the pose of the newest packet"></canvas>
+      <canvas id="face" role="img"
+        aria-label="A head that moves with the coefficients and the pose of the newest packet"></canvas>
       <p id="no-face" hidden>This browser cannot draw the face: it has no WebGL 2. Bars and plots work without it.</p>
       <div id="help" hidden></div>
     </div>
     <div id="controls">
-      <button id="pause" type="button" aria-pressed="false" onClick=${togglePause} title="Freeze what is shown. A recording goes on.">Pause</button>
+      <button id="pause" type="button" aria-pressed="false" onClick=${togglePause}
+        title="Freeze what is shown. A recording goes on.">Pause</button>
       <button id="record" type="button" aria-pressed="false" onClick=${toggleRecording}
         title="Record what arrives to a CSV file with the columns of facewire track">Record</button>
-      <button id="mirror" type="button" aria-pressed="false" onClick=${toggleMirror} title="Show the face as in a mirror">Mirror</button>
-      ${hasService() && html`<button id="camera" type="button" aria-pressed=${String(watches)} onClick=${() => setWatches(!watches)}>Camera</button>`}
+      <button id="mirror" type="button" aria-pressed="false" onClick=${toggleMirror}
+        title="Show the face as in a mirror">Mirror</button>
+      ${hasService() && html`<button id="camera" type="button" aria-pressed=${String(watches)}
+        onClick=${() => setWatches(!watches)}>Camera</button>`}
       <output id="recorded"></output>
     </div>
     ${watches && isShown && html`<${Picture} />`}
@@ -50,7 +62,8 @@ export function Live({ isShown }) {
       <ul id="legend"></ul>
     </figure>
   </section>
-  <section id="coefficients" aria-label="Coefficients. Each is a button that adds it to the plot." hidden=${!isShown}></section>`;
+  <section id="coefficients" aria-label="Coefficients. Each is a button that adds it to the plot."
+    hidden=${!isShown}></section>`;
 }
 
 function start() {
@@ -162,7 +175,8 @@ function showText(time) {
   const message = page.snapshot;
   element("help").hidden = !page.hello?.hint || Boolean(message?.packet) || store.connection !== "open";
   const state = stateOf(message, silence(), store);
-  if (element("state")) showState(element("state"), page.isPaused && store.connection === "open" ? ["waiting", "paused"] : state);
+  if (element("state"))
+    showState(element("state"), page.isPaused && store.connection === "open" ? ["waiting", "paused"] : state);
   if (!message || page.isPaused) return;
   const notice = noticeOf(message);
   element("notice").hidden = notice === "";
@@ -192,5 +206,7 @@ function toggleRecording() {
   element("record").textContent = recorder ? "Record" : "Stop and save";
   if (!recorder) return;
   recorder.save();
-  element("recorded").textContent = recorder.isFull ? `saved ${MOST_ROWS} rows, the most there can be` : `saved ${recorder.count} rows`;
+  element("recorded").textContent = recorder.isFull
+    ? `saved ${MOST_ROWS} rows, the most there can be`
+    : `saved ${recorder.count} rows`;
 }

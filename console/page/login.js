@@ -25,12 +25,14 @@ export function Login() {
     <h1>facewire</h1>
     ${isFirst && html`<p>Nobody has set a password yet. Whoever knows it can move the servos and change the settings.</p>`}
     <label>${isFirst ? "New password" : "Password"}
-      <input type="password" name="password" required minlength=${isFirst ? LEAST_LENGTH : 1} autocomplete=${isFirst ? "new-password" : "current-password"} />
+      <input type="password" name="password" required minlength=${isFirst ? LEAST_LENGTH : 1}
+        autocomplete=${isFirst ? "new-password" : "current-password"} />
     </label>
     ${isFirst && html`<p class="dim">At least ${LEAST_LENGTH} characters.</p>`}
     <button class="primary" disabled=${isBusy}>${isFirst ? "Set the password" : "Log in"}</button>
     ${trouble && html`<p role="alert" class="notice bad">${trouble}</p>`}
-    ${isSecure === false && html`<p class="dim">This connection is not encrypted: others in this network could read the password.</p>`}
+    ${isSecure === false && html`<p
+      class="dim">This connection is not encrypted: others in this network could read the password.</p>`}
     ${!isFirst && html`<p class="dim">Or scan the QR code that facewire-console shows where it runs.</p>`}
   </form></main>`;
 }

@@ -25,7 +25,8 @@ export function Picture() {
       aria-label=${isBlack ? "Landmarks of the face on black" : "The camera's picture with the landmarks of the face"}></canvas>
     ${trouble && html`<p class="notice warn" role="status">${trouble.message}</p>`}
     <div class="row">
-      <label class="check"><input type="checkbox" checked=${isBlack} onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>
+      <label class="check"><input type="checkbox" checked=${isBlack}
+        onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>
       ${isForbidden && html`<${Action} run=${allow}>Allow the picture<//>`}
     </div>
   </div>`;
@@ -40,7 +41,8 @@ async function allow() {
 
 async function watch(show) {
   while (!show.isOver) {
-    if (document.visibilityState === "hidden") await new Promise((done) => document.addEventListener("visibilitychange", done, { once: true }));
+    if (document.visibilityState === "hidden")
+      await new Promise((done) => document.addEventListener("visibilitychange", done, { once: true }));
     try {
       const picture = await load(show.isBlack());
       if (show.isOver) return;
@@ -60,7 +62,9 @@ async function load(isBlack) {
   const bytes = new Uint8Array(await (await ask("picture")).arrayBuffer());
   const end = bytes.indexOf(10);
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
-  const image = isBlack ? undefined : await createImageBitmap(new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" }));
+  const image = isBlack
+    ? undefined
+    : await createImageBitmap(new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" }));
   return { ...head, image };
 }
 

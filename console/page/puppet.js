@@ -5,7 +5,11 @@ import { wait } from "./drive.js";
 import { store } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
-const TURNS = [["Head left and right", 40], ["Head up and down", 30], ["Head to the shoulders", 30]];
+const TURNS = [
+  ["Head left and right", 40],
+  ["Head up and down", 30],
+  ["Head to the shoulders", 30],
+];
 const STEP_MS = 50;
 const hill = (part) => Math.sin(Math.PI * part);
 const both = (name, value) => ({ [`${name}Left`]: value, [`${name}Right`]: value });
@@ -48,27 +52,47 @@ export function Puppet({ drive, boards }) {
     }
     setPlaying(undefined);
   };
-  const expression = (length, at) => () => Array.from({ length: Math.ceil(length / STEP_MS) + 1 }, (_, k) => ({
-    line: { coefficients: { ...weights, ...at(Math.min(1, (k * STEP_MS) / length)) }, head_deg: turn }, ms: STEP_MS,
-  }));
-  const sweep = () => boards.flatMap(({ link, index }) => (link.channel ?? []).flatMap(({ channel = 0 }) =>
-    Array.from({ length: SWEEP_MS / STEP_MS + 1 }, (_, k) => ({ line: { link: index, channel, position: hill((k * STEP_MS) / SWEEP_MS) }, ms: STEP_MS }))));
+  const expression = (length, at) => () =>
+    Array.from({ length: Math.ceil(length / STEP_MS) + 1 }, (_, k) => ({
+      line: { coefficients: { ...weights, ...at(Math.min(1, (k * STEP_MS) / length)) }, head_deg: turn },
+      ms: STEP_MS,
+    }));
+  const sweep = () =>
+    boards.flatMap(({ link, index }) =>
+      (link.channel ?? []).flatMap(({ channel = 0 }) =>
+        Array.from({ length: SWEEP_MS / STEP_MS + 1 }, (_, k) => ({
+          line: { link: index, channel, position: hill((k * STEP_MS) / SWEEP_MS) },
+          ms: STEP_MS,
+        })),
+      ),
+    );
   const isOff = !drive.isArmed || playing !== undefined;
   const names = store.hello?.names ?? [];
-  const slider = (label, value, most, least, set) => html`<label key=${label} class="slider">${label} <output>${value.toFixed(most > 1 ? 0 : 2)}</output>
-    <input type="range" min=${least} max=${most} step=${most > 1 ? 1 : 0.01} value=${value} disabled=${isOff} onInput=${(event) => set(Number(event.target.value))} /></label>`;
+  const slider = (
+    label,
+    value,
+    most,
+    least,
+    set,
+  ) => html`<label key=${label} class="slider">${label} <output>${value.toFixed(most > 1 ? 0 : 2)}</output>
+    <input type="range" min=${least} max=${most} step=${most > 1 ? 1 : 0.01} value=${value} disabled=${isOff}
+      onInput=${(event) => set(Number(event.target.value))} /></label>`;
   return html`<section class="panel" id="puppet" aria-label="Puppet">
     <h3>Puppet</h3>
     <p class="dim">${drive.isArmed ? "The puppet takes the face's place for all receivers until you disarm." : "Arm to move the whole face by hand."}</p>
     <div class="row">
-      ${PLAYS.map(([title, length, at]) => html`<button type="button" key=${title} disabled=${isOff} onClick=${() => play(title, expression(length, at))}>${title}</button>`)}
-      <button type="button" disabled=${isOff || boards.length === 0} onClick=${() => play("Sweep", sweep)}>Sweep each channel</button>
+      ${PLAYS.map(([title, length, at]) => html`<button type="button" key=${title} disabled=${isOff}
+        onClick=${() => play(title, expression(length, at))}>${title}</button>`)}
+      <button type="button" disabled=${isOff || boards.length === 0}
+        onClick=${() => play("Sweep", sweep)}>Sweep each channel</button>
       <button type="button" disabled=${isOff} onClick=${rest}>Rest</button>
     </div>
     <p role="status">${playing ? `${playing} …` : ""}</p>
     ${TURNS.map(([label, most], axis) => slider(label, turn[axis], most, -most, (value) => rotate(axis, value)))}
-    ${GROUPS.map(([title, pattern]) => html`<details key=${title}><summary>${title}</summary>
+    ${GROUPS.map(
+      ([title, pattern]) => html`<details key=${title}><summary>${title}</summary>
       <div class="sliders">${names.filter((name) => pattern.test(name)).map((name) => slider(name, weights[name] ?? 0, 1, 0, (value) => put(name, value)))}</div>
-    </details>`)}
+    </details>`,
+    )}
   </section>`;
 }

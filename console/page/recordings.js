@@ -28,23 +28,36 @@ export function Recordings() {
     ${ended && html`<${Trouble}>${ended}<//>`}
     <div class="panel">
       <p>A recording holds landmarks and coefficients of each frame, and no picture.</p>
-      ${recording
-    ? html`<p role="status"><b class="state-bad">Recording</b> ${duration(recording.seconds)}, ${bytes(recording.bytes)}</p>
+      ${
+        recording
+          ? html`<p role="status"><b
+            class="state-bad">Recording</b> ${duration(recording.seconds)}, ${bytes(recording.bytes)}</p>
         <${Action} kind="primary" run=${act("recordings/end")}>End<//>`
-    : html`<${Action} kind="primary" disabled=${!status?.running} run=${act("recordings/begin")}>Begin a recording<//>`}
-      ${playing && html`<p role="status">${playing.name} is played to the links.</p><${Action} run=${act("recordings/end")}>Stop playing<//>`}
-      ${free !== undefined && html`<p class=${free < LITTLE_BYTES ? "trouble" : "dim"}>${bytes(free)} are free.${free < LITTLE_BYTES ? " Delete recordings, or end this one soon." : ""}</p>`}
+          : html`<${Action} kind="primary" disabled=${!status?.running}
+            run=${act("recordings/begin")}>Begin a recording<//>`
+      }
+      ${playing && html`<p role="status">${playing.name} is played to the links.</p><${Action}
+        run=${act("recordings/end")}>Stop playing<//>`}
+      ${free !== undefined && html`<p
+        class=${free < LITTLE_BYTES ? "trouble" : "dim"}>${bytes(free)} are free.${free < LITTLE_BYTES ? " Delete recordings, or end this one soon." : ""}</p>`}
     </div>
     ${list?.length === 0 && !recording && html`<p class="panel">There is no recording yet.</p>`}
-    ${list?.map(({ name, bytes: size, time_s: at }) => html`<article class="panel" key=${name} aria-label=${name}>
+    ${list?.map(
+      ({ name, bytes: size, time_s: at }) => html`<article class="panel" key=${name} aria-label=${name}>
       <h3>${time(at)}</h3>
       <p class="dim">${name}, ${bytes(size)}</p>
       <div class="row">
         <${Action} disabled=${Boolean(playing)} run=${act("recordings/play", { name })} label=${`Play ${name}`}>Play<//>
-        <a class="button" href=${`api/1/recordings/${encodeURIComponent(name)}`} download=${name} aria-label=${`Download ${name}`}>Download</a>
-        ${removes === name ? html`<${Action} kind="danger" run=${act("recordings/delete", { name })}>Delete for ever<//>
+        <a class="button" href=${`api/1/recordings/${encodeURIComponent(name)}`} download=${name}
+          aria-label=${`Download ${name}`}>Download</a>
+        ${
+          removes === name
+            ? html`<${Action} kind="danger" run=${act("recordings/delete", { name })}>Delete for ever<//>
           <button type="button" onClick=${() => setRemoves(undefined)}>Leave it</button>`
-    : html`<button type="button" aria-label=${`Delete ${name}`} onClick=${() => setRemoves(name)}>Delete</button>`}
+            : html`<button type="button" aria-label=${`Delete ${name}`}
+              onClick=${() => setRemoves(name)}>Delete</button>`
+        }
       </div>
-    </article>`)}`;
+    </article>`,
+    )}`;
 }

@@ -13,45 +13,82 @@ export const BOARDS = ["maestro", "pca9685"];
 const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
-const DEFAULTS = { sources: {}, offset: 0, pulse_at_0_us: 1000, pulse_at_1_us: 2000, neutral: -1, speed_per_s: 0, acceleration_per_s2: 0, dead_zone: 0, loss: "neutral" };
+const DEFAULTS = {
+  sources: {},
+  offset: 0,
+  pulse_at_0_us: 1000,
+  pulse_at_1_us: 2000,
+  neutral: -1,
+  speed_per_s: 0,
+  acceleration_per_s2: 0,
+  dead_zone: 0,
+  loss: "neutral",
+};
 
 export function Servos() {
   const { status } = useStore();
   const { values, trouble } = useDraft();
   const [, redraw] = useState(0);
   const [ended, setEnded] = useState();
-  const drive = useMemo(() => new Drive((reason) => {
-    setEnded(reason);
-    redraw((count) => count + 1);
-  }), []);
+  const drive = useMemo(
+    () =>
+      new Drive((reason) => {
+        setEnded(reason);
+        redraw((count) => count + 1);
+      }),
+    [],
+  );
   useEffect(() => () => drive.disarm(), []);
   // The events bring a status once a second, which is too seldom to see a servo follow.
-  useEvery(STATUS_PERIOD_MS, () => hasService() && get("status").then((newest) => update({ status: newest }), () => undefined));
-  const boards = (values.link ?? []).map((link, index) => ({ link, index })).filter(({ link }) => BOARDS.includes(link.kind));
+  useEvery(
+    STATUS_PERIOD_MS,
+    () =>
+      hasService() &&
+      get("status").then(
+        (newest) => update({ status: newest }),
+        () => undefined,
+      ),
+  );
+  const boards = (values.link ?? [])
+    .map((link, index) => ({ link, index }))
+    .filter(({ link }) => BOARDS.includes(link.kind));
   if (trouble) return html`<${Trouble}>${trouble}<//>`;
   return html`
     <h2>Servos</h2>
     <div class="panel row spread" id="arming">
-      <p>${drive.isArmed ? html`<b class="state-bad">Armed.</b> Sliders move servos.` : "Sliders move nothing before you arm. Keep hands away from the mechanism."}</p>
-      ${drive.isArmed
-    ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
-    : html`<${Action} kind="primary" disabled=${status?.service?.released || !status?.running} run=${() => drive.arm()}>Arm<//>`}
+      <p>${drive.isArmed ? html`<b
+        class="state-bad">Armed.</b> Sliders move servos.` : "Sliders move nothing before you arm. Keep hands away from the mechanism."}</p>
+      ${
+        drive.isArmed
+          ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
+          : html`<${Action} kind="primary" disabled=${status?.service?.released || !status?.running}
+            run=${() => drive.arm()}>Arm<//>`
+      }
     </div>
     ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
-    ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a href="#start">Start</a> offers the boards that are plugged in.</p>`}
-    ${boards.map(({ link, index }) => html`<${Board} key=${index} index=${index} link=${link} drive=${drive} live=${status?.service?.links?.[index]} />`)}
+    ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a
+      href="#start">Start</a> offers the boards that are plugged in.</p>`}
+    ${boards.map(({ link, index }) => html`<${Board} key=${index} index=${index} link=${link} drive=${drive}
+      live=${status?.service?.links?.[index]} />`)}
     <${Puppet} drive=${drive} boards=${boards} />`;
 }
 
 function Board({ index, link, drive, live }) {
   const channels = link.channel ?? [];
   const free = [...Array(24).keys()].find((number) => !channels.some(({ channel }) => (channel ?? 0) === number));
-  const add = () => change({ [`link.${index}.channel.${channels.length}.channel`]: free, [`link.${index}.channel.${channels.length}.sources`]: {} });
+  const add = () =>
+    change({
+      [`link.${index}.channel.${channels.length}.channel`]: free,
+      [`link.${index}.channel.${channels.length}.sources`]: {},
+    });
   return html`<section class="board" aria-label=${live?.name ?? link.kind}>
-    <h3>${live?.name ?? link.kind} ${live && html`<small class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
+    <h3>${live?.name ?? link.kind} ${live && html`<small
+      class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
     ${live?.trouble && html`<${Trouble}>${live.trouble}<//>`}
-    ${channels.map((channel, k) => html`<${Channel} key=${k} place=${[index, k]} channel=${channel} drive=${drive}
-      live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`)}
+    ${channels.map(
+      (channel, k) => html`<${Channel} key=${k} place=${[index, k]} channel=${channel} drive=${drive}
+      live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`,
+    )}
     ${free !== undefined && html`<${Action} run=${add}>Add a channel<//>`}
   </section>`;
 }
@@ -76,28 +113,40 @@ function Channel({ place: [link, k], channel, drive, live }) {
   return html`<article class="panel channel" aria-label=${title}>
     <h4>${title} <span class="dim">${names.join(" + ") || "follows nothing"}</span></h4>
     <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed} onInput=${move}
-      aria-label=${`Move channel ${number}`} aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} microseconds`} />
+      aria-label=${`Move channel ${number}`}
+        aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} microseconds`} />
     <${Progress} target=${live?.target} position=${live?.position} />
     <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>pulse <b>${live ? live.pulse_us === null ? "none" : `${live.pulse_us} µs` : "–"}</b></span></p>
+      <span>pulse <b>${live ? (live.pulse_us === null ? "none" : `${live.pulse_us} µs`) : "–"}</b></span></p>
     <div class="row">
-      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_0_us", pulse)} label=${`Set end 0 here, channel ${number}`}>Set end 0 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_1_us", pulse)} label=${`Set end 1 here, channel ${number}`}>Set end 1 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set("neutral", Number(position.toFixed(3)))} label=${`Set rest here, channel ${number}`}>Set rest here<//>
+      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_0_us", pulse)}
+        label=${`Set end 0 here, channel ${number}`}>Set end 0 here<//>
+      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_1_us", pulse)}
+        label=${`Set end 1 here, channel ${number}`}>Set end 1 here<//>
+      <${Action} disabled=${jog === undefined} run=${() => set("neutral", Number(position.toFixed(3)))}
+        label=${`Set rest here, channel ${number}`}>Set rest here<//>
     </div>
     <${Sources} settings=${settings} number=${number} set=${set} path=${path} />
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
-        <${Number1} label="Channel on the board" value=${number} min="0" max="23" step="1" set=${(value) => set("channel", value)} />
-        <${Number1} label="Pulse at end 0 (µs)" value=${settings.pulse_at_0_us} min="64" max="4080" step="1" set=${(value) => set("pulse_at_0_us", value)} />
-        <${Number1} label="Pulse at end 1 (µs)" value=${settings.pulse_at_1_us} min="64" max="4080" step="1" set=${(value) => set("pulse_at_1_us", value)} />
-        <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" value=${settings.neutral} min="-1" max="1" step="0.01" set=${(value) => set("neutral", value)} />
-        <${Number1} label="Highest speed (1/s, 0: no limit)" value=${settings.speed_per_s} min="0" max="100" step="0.1" set=${(value) => set("speed_per_s", value)} />
-        <${Number1} label="Highest acceleration (1/s², 0: no limit)" value=${settings.acceleration_per_s2} min="0" max="1000" step="0.1" set=${(value) => set("acceleration_per_s2", value)} />
-        <${Number1} label="Dead zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005" set=${(value) => set("dead_zone", value)} />
+        <${Number1} label="Channel on the board" value=${number} min="0" max="23" step="1"
+          set=${(value) => set("channel", value)} />
+        <${Number1} label="Pulse at end 0 (µs)" value=${settings.pulse_at_0_us} min="64" max="4080" step="1"
+          set=${(value) => set("pulse_at_0_us", value)} />
+        <${Number1} label="Pulse at end 1 (µs)" value=${settings.pulse_at_1_us} min="64" max="4080" step="1"
+          set=${(value) => set("pulse_at_1_us", value)} />
+        <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" value=${settings.neutral} min="-1" max="1"
+          step="0.01" set=${(value) => set("neutral", value)} />
+        <${Number1} label="Highest speed (1/s, 0: no limit)" value=${settings.speed_per_s} min="0" max="100" step="0.1"
+          set=${(value) => set("speed_per_s", value)} />
+        <${Number1} label="Highest acceleration (1/s², 0: no limit)" value=${settings.acceleration_per_s2} min="0"
+          max="1000" step="0.1" set=${(value) => set("acceleration_per_s2", value)} />
+        <${Number1} label="Dead zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005"
+          set=${(value) => set("dead_zone", value)} />
         <label>Without a face
-          <select value=${settings.loss} disabled=${!mayOperate()} onChange=${(event) => set("loss", event.target.value)}>
+          <select value=${settings.loss} disabled=${!mayOperate()}
+            onChange=${(event) => set("loss", event.target.value)}>
             <option value="neutral">stay at rest</option><option value="release">no pulses</option>
           </select>
         </label>
@@ -119,9 +168,13 @@ export function Number1({ label, value, set, ...bounds }) {
   const [trouble, setTrouble] = useState();
   const put = (event) => {
     if (event.target.value === "" || !event.target.reportValidity()) return;
-    set(Number(event.target.value)).then(() => setTrouble(), (error) => setTrouble(error.message));
+    set(Number(event.target.value)).then(
+      () => setTrouble(),
+      (error) => setTrouble(error.message),
+    );
   };
-  return html`<label>${label}<input type="number" inputmode="decimal" value=${value} ...${bounds} disabled=${!mayOperate()} onChange=${put} />
+  return html`<label>${label}<input type="number" inputmode="decimal" value=${value} ...${bounds}
+    disabled=${!mayOperate()} onChange=${put} />
     ${trouble && html`<span class="trouble" role="alert">${trouble}</span>`}</label>`;
 }
 
@@ -131,7 +184,10 @@ function Sources({ settings, number, set, path }) {
   const [found, setFound] = useState();
   const choose = (name) => {
     const isHead = HEAD_SOURCES.includes(name);
-    return change({ [path("sources")]: { ...sources, [name]: isHead ? HEAD_FACTOR : 1 }, ...(isHead && { [path("offset")]: 0.5 }) });
+    return change({
+      [path("sources")]: { ...sources, [name]: isHead ? HEAD_FACTOR : 1 },
+      ...(isHead && { [path("offset")]: 0.5 }),
+    });
   };
   const find = async () => {
     setFound(undefined);
@@ -140,22 +196,39 @@ function Sources({ settings, number, set, path }) {
   const names = [...(store.hello?.names ?? []), ...HEAD_SOURCES].filter((name) => !(name in sources));
   const without = (name) => Object.fromEntries(Object.entries(sources).filter(([other]) => other !== name));
   return html`<fieldset class="sources"><legend>Follows</legend>
-    ${Object.entries(sources).map(([name, factor]) => html`<div class="row" key=${name}>
-      <${Number1} label=${`${name} times`} value=${factor} min="-10" max="10" step="any" set=${(value) => set("sources", { ...sources, [name]: value })} />
+    ${Object.entries(sources).map(
+      ([name, factor]) => html`<div class="row" key=${name}>
+      <${Number1} label=${`${name} times`} value=${factor} min="-10" max="10" step="any"
+        set=${(value) => set("sources", { ...sources, [name]: value })} />
       <${Action} run=${() => set("sources", without(name))} label=${`Remove ${name} from channel ${number}`}>Remove<//>
-    </div>`)}
-    ${Object.keys(sources).length > 0 && html`<${Number1} label="plus" value=${offset} min="-10" max="10" step="any" set=${(value) => set("offset", value)} />`}
+    </div>`,
+    )}
+    ${Object.keys(sources).length > 0 && html`<${Number1} label="plus" value=${offset} min="-10" max="10" step="any"
+      set=${(value) => set("offset", value)} />`}
     <div class="row">
       <label class="grow">Add from the list
-        <select disabled=${!mayOperate()} value="" onChange=${(event) => event.target.value && choose(event.target.value)}>
-          <option value="">choose …</option>${names.map((name) => html`<option key=${name} value=${name}>${name}</option>`)}
+        <select disabled=${!mayOperate()} value=""
+          onChange=${(event) => event.target.value && choose(event.target.value)}>
+          <option value="">choose …</option>${names.map((name) => html`<option key=${name}
+            value=${name}>${name}</option>`)}
         </select>
       </label>
       <${Action} run=${find} label=${`Learn it for channel ${number}`}>Learn it<//>
     </div>
-    <p role="status" class="dim">${found === undefined ? "Learn: press, then make the movement for three seconds." :
-    found.length === 0 ? "No movement was seen. Make it wider, with the face in the picture." : "These moved most:"}</p>
-    ${found?.length > 0 && html`<div class="row">${found.map(({ name, moved }) => html`
-      <${Action} key=${name} run=${() => choose(name).then(() => setFound(undefined))}>${name} (${moved.toFixed(2)})<//>`)}</div>`}
+    <p role="status" class="dim">${
+      found === undefined
+        ? "Learn: press, then make the movement for three seconds."
+        : found.length === 0
+          ? "No movement was seen. Make it wider, with the face in the picture."
+          : "These moved most:"
+    }</p>
+    ${
+      found?.length > 0 &&
+      html`<div class="row">${found.map(
+        ({ name, moved }) => html`
+      <${Action} key=${name}
+        run=${() => choose(name).then(() => setFound(undefined))}>${name} (${moved.toFixed(2)})<//>`,
+      )}</div>`
+    }
   </fieldset>`;
 }

@@ -4,7 +4,14 @@ import { useLayoutEffect, useState } from "./vendor/preact.js";
 import { connect } from "./stream.js";
 
 // `connection` is "open", or says why there is none. `status`, `calibration` and `recording` are the newest events.
-export const store = { connection: "open", session: undefined, hello: undefined, status: undefined, calibration: undefined, recording: undefined };
+export const store = {
+  connection: "open",
+  session: undefined,
+  hello: undefined,
+  status: undefined,
+  calibration: undefined,
+  recording: undefined,
+};
 const listeners = new Set();
 const faces = new Set();
 // While one of these holds, a page that nobody sees keeps its stream.
@@ -42,19 +49,26 @@ export function open() {
     if (store.connection !== "open") update({ connection: "open" });
     faces.forEach((listener) => listener(message));
   };
-  connect({
-    hello: (hello) => update({ connection: "open", hello }),
-    face,
-    status: (status) => update({ connection: "open", status, recording: { ...store.recording, ...status.recording } }),
-    calibration: (calibration) => update({ calibration }),
-    recording: (recording) => update({ recording }),
-    lost,
-  }, () => [...stayers].some((condition) => condition()));
+  connect(
+    {
+      hello: (hello) => update({ connection: "open", hello }),
+      face,
+      status: (status) =>
+        update({ connection: "open", status, recording: { ...store.recording, ...status.recording } }),
+      calibration: (calibration) => update({ calibration }),
+      recording: (recording) => update({ recording }),
+      lost,
+    },
+    () => [...stayers].some((condition) => condition()),
+  );
 }
 
 // Sends a request. Throws an error with a sentence for the person at the page. With a body it is a POST.
 export async function ask(path, body, options = {}) {
-  const post = body === undefined ? {} : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  const post =
+    body === undefined
+      ? {}
+      : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
   const answer = await fetch(`api/1/${path}`, { ...post, ...options }).catch(() => {
     throw new Error("The console does not answer. Check that it runs, and that this device is in its network.");
   });

@@ -28,34 +28,60 @@ export function Wearer() {
     <h2>Wearers</h2>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     ${isRunning ? html`<${Guide} progress=${calibration.progress} />` : html`<${Outcome} calibration=${calibration} />`}
-    ${!isRunning && html`<div class="panel">
+    ${
+      !isRunning &&
+      html`<div class="panel">
       <h3>Calibrate</h3>
       <p>Eleven poses of some seconds each teach facewire a face. Sit as you will sit later, with light from the front. The head here shows each pose.</p>
       <div class="row">
-        <label class="grow">Name of the wearer<input value=${name} onInput=${(event) => setName(event.target.value)} autocomplete="off" autocapitalize="none" /></label>
+        <label class="grow">Name of the wearer<input value=${name} onInput=${(event) => setName(event.target.value)}
+          autocomplete="off" autocapitalize="none" /></label>
         <${Action} kind="primary" disabled=${name.trim() === "" || !status?.running} run=${begin}>Begin<//>
       </div>
-    </div>`}
-    ${list && html`<section aria-label="Wearers with a profile">
-      ${list.wearers.length === 0 && html`<p class="panel">Nobody has a profile yet. facewire then estimates the face at rest while it watches.</p>`}
-      ${list.wearers.map(({ wearer, profile }) => html`<article class="panel" key=${wearer} aria-label=${wearer}>
+    </div>`
+    }
+    ${
+      list &&
+      html`<section aria-label="Wearers with a profile">
+      ${list.wearers.length === 0 && html`<p
+        class="panel">Nobody has a profile yet. facewire then estimates the face at rest while it watches.</p>`}
+      ${list.wearers.map(
+        ({ wearer, profile }) => html`<article class="panel" key=${wearer} aria-label=${wearer}>
         <h3>${wearer} ${wearer === list.in_use && html`<small class="state-good">in use</small>`}</h3>
-        ${profile.Ok ? html`<p class="dim">${time(profile.Ok[0])}, ${profile.Ok[1]} of ${Object.keys(TAKES).length} poses</p>` : html`<p class="trouble">${profile.Err}</p>`}
+        ${profile.Ok ? html`<p
+          class="dim">${time(profile.Ok[0])}, ${profile.Ok[1]} of ${Object.keys(TAKES).length} poses</p>` : html`<p
+          class="trouble">${profile.Err}</p>`}
         <div class="row">
-          ${wearer === list.in_use ? html`<${Action} run=${act("wearers/use", { name: null })}>Use nobody's<//>`
-    : html`<${Action} disabled=${!profile.Ok} run=${act("wearers/use", { name: wearer })} label=${`Use ${wearer}`}>Use<//>`}
-          ${removes === wearer ? html`<${Action} kind="danger" run=${act("wearers/delete", { name: wearer })}>Delete ${wearer} for ever<//>
+          ${
+            wearer === list.in_use
+              ? html`<${Action} run=${act("wearers/use", { name: null })}>Use nobody's<//>`
+              : html`<${Action} disabled=${!profile.Ok} run=${act("wearers/use", { name: wearer })}
+                label=${`Use ${wearer}`}>Use<//>`
+          }
+          ${
+            removes === wearer
+              ? html`<${Action} kind="danger"
+                run=${act("wearers/delete", { name: wearer })}>Delete ${wearer} for ever<//>
             <button type="button" onClick=${() => setRemoves(undefined)}>Leave it</button>`
-    : html`<button type="button" aria-label=${`Delete ${wearer}`} onClick=${() => setRemoves(wearer)}>Delete</button>`}
+              : html`<button type="button" aria-label=${`Delete ${wearer}`}
+                onClick=${() => setRemoves(wearer)}>Delete</button>`
+          }
         </div>
-      </article>`)}
-    </section>`}`;
+      </article>`,
+      )}
+    </section>`
+    }`;
 }
 
 function Guide({ progress }) {
   const { take, done, of, phase, measured, seen, waits_for: waits, refused, last_refusal: last } = progress;
   const [instruction, raised] = TAKES[take] ?? [take, []];
-  const what = { "get-ready": "Get ready.", wait: waits ? REFUSALS[waits] : "Take the pose.", measure: "Hold it.", ended: "Done." }[phase];
+  const what = {
+    "get-ready": "Get ready.",
+    wait: waits ? REFUSALS[waits] : "Take the pose.",
+    measure: "Hold it.",
+    ended: "Done.",
+  }[phase];
   return html`<section class="panel guide" aria-label="Calibration">
     <${Head} raised=${raised} />
     <div>
@@ -64,13 +90,15 @@ function Guide({ progress }) {
       <p role="status" class=${phase === "wait" ? "state-warn" : "state-good"}>${what}</p>
       ${raised.length > 0 && html`<${Meter} label="How strongly the pose is seen" value=${seen} />`}
       <${Meter} label="How much is measured" value=${measured} />
-      ${last && html`<p class="notice warn">Refused ${refused === 1 ? "once" : `${refused} times`}, last because: ${REFUSALS[last] ?? last}</p>`}
+      ${last && html`<p
+        class="notice warn">Refused ${refused === 1 ? "once" : `${refused} times`}, last because: ${REFUSALS[last] ?? last}</p>`}
       <${Action} run=${() => post("calibration/cancel")}>Cancel<//>
     </div>
   </section>`;
 }
 
-const Meter = ({ label, value }) => html`<label class="meter">${label}<progress max="1" value=${Math.min(1, value)}></progress></label>`;
+const Meter = ({ label, value }) =>
+  html`<label class="meter">${label}<progress max="1" value=${Math.min(1, value)}></progress></label>`;
 
 function Outcome({ calibration }) {
   if (calibration?.refused) return html`<${Trouble}>The calibration has ended: ${calibration.refused}<//>`;
@@ -78,8 +106,12 @@ function Outcome({ calibration }) {
   if (!kept) return null;
   return html`<div class="notice good" role="status">
     <p>The profile of ${kept.wearer} is made and in use, from ${kept.taken.length} poses.${kept.warning ? ` ${kept.warning}` : ""}</p>
-    ${kept.left_out.length > 0 && html`<p>These poses were left out and keep general values:</p>
-      <ul>${kept.left_out.map(([take, why]) => html`<li key=${take}>${TAKES[take]?.[0] ?? take} ${REFUSALS[why] ?? why}</li>`)}</ul>`}
+    ${
+      kept.left_out.length > 0 &&
+      html`<p>These poses were left out and keep general values:</p>
+      <ul>${kept.left_out.map(([take, why]) => html`<li
+        key=${take}>${TAKES[take]?.[0] ?? take} ${REFUSALS[why] ?? why}</li>`)}</ul>`
+    }
   </div>`;
 }
 
@@ -93,7 +125,14 @@ export function Head({ raised }) {
     } catch {
       return;
     }
-    face.current.draw({ weight: (name) => (raised.includes(name) ? 1 : 0), rotation: [0, 0, 0, 1], position: [0, 0, 0], isLive: true, isMirrored: true });
+    face.current.draw({
+      weight: (name) => (raised.includes(name) ? 1 : 0),
+      rotation: [0, 0, 0, 1],
+      position: [0, 0, 0],
+      isLive: true,
+      isMirrored: true,
+    });
   }, [raised]);
-  return html`<canvas class="head" ref=${canvas} role="img" aria-label=${raised.length > 0 ? `The pose to take: ${raised.join(", ")}` : "The pose to take: a face at rest"}></canvas>`;
+  return html`<canvas class="head" ref=${canvas} role="img"
+    aria-label=${raised.length > 0 ? `The pose to take: ${raised.join(", ")}` : "The pose to take: a face at rest"}></canvas>`;
 }

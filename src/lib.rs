@@ -4,8 +4,6 @@ pub mod calibration;
 pub mod capture;
 pub mod cli;
 pub mod config;
-pub mod hardware;
-pub mod impairment;
 pub mod link;
 mod listener;
 pub mod pipeline;

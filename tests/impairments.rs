@@ -22,7 +22,7 @@ use common::film::{decode, read_y4m};
 use common::service::Service;
 use common::{PATIENCE, shared};
 use facewire::capture::{Clip, Source};
-use facewire::impairment::Impairment;
+use facewire_board::Impairment;
 use photo::Photo;
 use rustix::process::Signal;
 use track::{Track, agreement};

@@ -132,7 +132,7 @@ impl Console {
             }
             Err(error) => Err(io::Error::other(error.to_string())),
         };
-        let picture = text.is_ok_and(|text| settings::values(&text).pointer("/console/picture") == Some(&true.into()));
+        let values = text.map_or(Value::Null, |text| settings::values(&text));
         let (service, away) = match self.control.status().await {
             Ok(service) => (service, None),
             Err(error) => (Value::Null, Some(error.to_string())),
@@ -142,10 +142,10 @@ impl Console {
             "running": service.is_object(),
             "trouble": trouble,
             "refused": refused.ok().filter(|faults| !faults.is_empty()),
-            "picture": picture,
+            "picture": values.pointer("/console/picture") == Some(&true.into()),
             "operator": null,
             "service": service,
-            "board": status::board(),
+            "board": status::board(&facewire_board::root(), &values),
             "free_bytes": self.recordings.free_bytes(),
             "recording": self.recordings.state(),
         });

@@ -2,6 +2,7 @@
 
 use std::{collections::VecDeque, fs, path::Path, time::Instant};
 
+use facewire_board::{HardwareSettings, Sensors};
 use nix::sys::statvfs::statvfs;
 use serde_json::{Map, Value, json};
 
@@ -64,16 +65,16 @@ fn quantile_ms(before: Option<&Stage>, now: &Stage, share: f64) -> Option<f64> {
     None
 }
 
-/// The load and the temperature of the board.
-pub fn board() -> Value {
-    let load = fs::read_to_string("/proc/loadavg").ok();
+/// The load, the temperature and the supply voltage of the board whose `/proc` and `/sys` lie below `root`, of the sensors
+/// that the settings choose.
+pub fn board(root: &Path, settings: &Value) -> Value {
+    let load = fs::read_to_string(root.join("proc/loadavg")).ok();
     let load = load.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
-    let zones = fs::read_dir("/sys/class/thermal").into_iter().flatten().flatten();
-    let degrees =
-        zones.filter_map(|zone| fs::read_to_string(zone.path().join("temp")).ok()?.trim().parse::<f64>().ok());
-    // Sensors that are not ready return values outside of this range.
-    let hottest = degrees.map(|milli| milli / 1e3).filter(|celsius| (-40.0..=150.0).contains(celsius)).reduce(f64::max);
-    json!({"load": load, "temperature_c": hottest})
+    let zone = settings.pointer("/hardware/thermal_zone").and_then(Value::as_str).unwrap_or_default();
+    let settings = HardwareSettings { thermal_zone: zone.to_owned(), ..HardwareSettings::default() };
+    let sensors = Sensors::find(root, &settings);
+    let temperature_c = sensors.temperature_c().map(|celsius| (f64::from(celsius) * 10.0).round() / 10.0);
+    json!({"load": load, "temperature_c": temperature_c, "undervoltage": sensors.is_undervolted()})
 }
 
 /// The space that is free for recordings.
@@ -154,6 +155,31 @@ mod tests {
              facewire_stage_seconds_bucket{{le=\"+Inf\",stage=\"mesh\"}} {slow}\n\
              facewire_age_seconds_bucket{{le=\"0.02\"}} 0\nfacewire_age_seconds_bucket{{le=\"+Inf\"}} 0\n# EOF"
         )
+    }
+
+    #[test]
+    fn the_board_shows_the_sensor_that_the_settings_choose_and_its_supply_voltage() {
+        let folder = tempfile::tempdir().unwrap();
+        for (path, text) in [
+            ("proc/loadavg", "0.25 0.50 0.75 1/123 4567"),
+            ("sys/class/thermal/thermal_zone0/type", "gpu-thermal"),
+            ("sys/class/thermal/thermal_zone0/temp", "99000"),
+            ("sys/class/thermal/thermal_zone1/type", "cpu-thermal"),
+            ("sys/class/thermal/thermal_zone1/temp", "48199"),
+            ("sys/class/hwmon/hwmon0/name", "rpi_volt"),
+            ("sys/class/hwmon/hwmon0/in0_lcrit_alarm", "1"),
+        ] {
+            let path = folder.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let zone = json!({"hardware": {"thermal_zone": "gpu-thermal"}});
+        for (settings, temperature_c) in [(Value::Null, 48.2), (zone, 99.0)] {
+            let want = json!({"load": 0.25, "temperature_c": temperature_c, "undervoltage": true});
+            assert_eq!(board(folder.path(), &settings), want);
+        }
+        let unknown = json!({"load": null, "temperature_c": null, "undervoltage": null});
+        assert_eq!(board(Path::new("/proc/self/no"), &Value::Null), unknown);
     }
 
     #[test]

@@ -30,7 +30,7 @@ use rustix::time::{ClockId, clock_gettime};
 use self::rehearsal::Rehearsal;
 use self::v4l2::{CameraSource, Wish};
 use crate::config::Script;
-use crate::impairment::ImpairmentSet;
+use facewire_board::ImpairmentSet;
 
 /// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
 /// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.

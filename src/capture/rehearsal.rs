@@ -18,7 +18,7 @@ use super::{
     CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally, monotonic_us,
 };
 use crate::config::{Scene, Script};
-use crate::impairment::Impairment;
+use facewire_board::Impairment;
 
 /// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
 const MAX_SKIPPED: u32 = 300;

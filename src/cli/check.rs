@@ -9,12 +9,11 @@ use super::failure::{Failure, print, say};
 use crate::calibration::{Store, Take, WearerName};
 use crate::capture::{Clip, Frame, Source as _, monotonic_us};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
-use crate::hardware::{self, Flags, Machine, Sensors};
-use crate::impairment::ImpairmentSet;
 use crate::link::{Link, notes};
 use crate::pipeline::{load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::Watch;
+use facewire_board::{self as board, Flags, ImpairmentSet, Machine, Sensors};
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -81,7 +80,7 @@ fn lines(part: &str, outcome: &Outcome) -> String {
 }
 
 fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
-    let root = hardware::root();
+    let root = board::root();
     let (machine, (line, slowing)) = (Machine::detect(&root), Sensors::find(&root, &settings.hardware).read(0.0));
     let flags = Flags::ask();
     let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));

@@ -18,9 +18,9 @@ use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 pub use self::calibrate::Connection;
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
 use crate::config::{self, Faults, Settings};
-use crate::hardware::{self, Machine};
 use crate::link::check_settings;
 use crate::service::{self, control_sockets};
+use facewire_board::{self as board, Machine};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -118,7 +118,7 @@ pub struct SettingsArgs {
 
 impl SettingsArgs {
     pub fn load(&self) -> Result<Settings, Faults> {
-        let detected = Machine::detect(&hardware::root()).name;
+        let detected = Machine::detect(&board::root()).name;
         let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &control_sockets(), faults);
         config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }

@@ -7,6 +7,7 @@ use super::{
     overlay::{Entry, Field, Overlay, Section, field, section},
     value::{ANY_TEXT, Listen, choice, choices, flag, listen, number, table, text, whole},
 };
+use facewire_board::HardwareSettings;
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
 use tracing::level_filters::LevelFilter;
 
@@ -88,11 +89,6 @@ section! {
         sender_cpu: i32 = -1, whole(-1..=1023, "");
     }
 
-    HardwareSettings {
-        thermal_zone: String = String::new(), text(ANY_TEXT);
-        temperature_limit_c: u32 = 0, whole(0..=120, " (°C)");
-    }
-
     AdaptationSettings { enabled: bool = true, flag(); }
     MetricsSettings { listen: Listen = Listen::Off, listen(); }
     ConsoleSettings { picture: bool = false, flag(); }
@@ -110,6 +106,15 @@ impl Section for Rules {
             field("opposed", &mut self.opposed, flag()),
             field("mouth_close", &mut self.mouth_close, flag()),
             field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
+        ]
+    }
+}
+
+impl Section for HardwareSettings {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("thermal_zone", &mut self.thermal_zone, text(ANY_TEXT)),
+            field("temperature_limit_c", &mut self.temperature_limit_c, whole(0..=120, " (°C)")),
         ]
     }
 }

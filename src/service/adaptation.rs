@@ -16,7 +16,7 @@ use std::fmt;
 use std::time::Duration;
 
 use super::failsafe::LIVE_FRAMES;
-use crate::impairment::{Impairment, ImpairmentSet};
+use facewire_board::{Impairment, ImpairmentSet};
 
 /// Longest time between two processed frames. A face that moves less often than twice a second is of no use, and the
 /// failsafe would take longer to notice a lost camera.

@@ -12,8 +12,8 @@ use signal_hook::flag;
 use super::adaptation::{Cause, Step};
 use super::timing::{Times, quantiles};
 use crate::calibration::WearerName;
-use crate::impairment::{Impairment, Impairments};
 use crate::link::{Panel, Traffic};
+use facewire_board::{Impairment, Impairments};
 
 /// Exit status after a second SIGTERM or SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;

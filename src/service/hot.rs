@@ -23,11 +23,11 @@ use super::{Loader, ServiceError};
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
-use crate::impairment::ImpairmentSet;
 use crate::pipeline::{self, Pipeline, Rejected, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
 use crate::watch::Watch;
+use facewire_board::ImpairmentSet;
 use facewire_face::{InferError, Model, Profile, Tracker};
 
 /// Time for which an impairment must last, or be gone, before that is reported, microseconds.

@@ -131,8 +131,8 @@ mod tests {
     use facewire_packet::{NeutralFace, State};
 
     use super::*;
-    use crate::impairment::Impairment;
     use crate::service::adaptation::{Cause, Step};
+    use facewire_board::Impairment;
 
     #[test]
     fn the_status_line_and_the_page_show_every_count_under_its_name() {

@@ -14,10 +14,9 @@ use super::hot::Event;
 use super::realtime::{self, Grant};
 use super::reload::Reloader;
 use crate::capture::monotonic_us;
-use crate::hardware::{self, Hardware, Machine};
-use crate::impairment::{Impairment, ImpairmentSet};
 use crate::link::Panel;
 use crate::retry::LoggedReasons;
+use facewire_board::{self as board, Hardware, Impairment, ImpairmentSet, Machine};
 
 const TICK: Duration = Duration::from_millis(50);
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
@@ -36,8 +35,8 @@ pub(super) struct Supervisor {
 impl Supervisor {
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
-        tracing::info!("board {}", Machine::detect(&hardware::root()).tell(self.reloader.live.board));
-        let mut hardware = Hardware::new(hardware::root(), self.reloader.live.hardware.clone());
+        tracing::info!("board {}", Machine::detect(&board::root()).tell(self.reloader.live.board));
+        let mut hardware = Hardware::new(board::root(), self.reloader.live.hardware.clone());
         let watchdog = sd_notify::watchdog_enabled();
         let mut pinged_at = Instant::now();
         (self.log.camera, self.log.last_status) =

@@ -12,7 +12,7 @@ pub use look::{FaceLook, Light, Look};
 use facewire_face::Landmarks;
 
 use crate::capture::{Delivery, Frame, Source, monotonic_us};
-use crate::impairment::{Impairment, ImpairmentSet};
+use facewire_board::{Impairment, ImpairmentSet};
 
 /// A pair of thresholds: where an impairment begins, and where it ends.
 type Thresholds = [f32; 2];

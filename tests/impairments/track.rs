@@ -2,9 +2,9 @@
 
 use facewire::capture::{Content, Frame};
 use facewire::config::Settings;
-use facewire::impairment::ImpairmentSet;
 use facewire::pipeline::Pipeline;
 use facewire::watch::{FaceLook, Look, Watch};
+use facewire_board::ImpairmentSet;
 use facewire_face::{COEFFS, Camera, Face, Landmarks, MESH};
 
 use super::photo::Photo;

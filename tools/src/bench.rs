@@ -16,9 +16,9 @@ use crate::input::{self, USUAL_SIZE_PX};
 use facewire::capture::{DEMO, FrameRate};
 use facewire::cli::{Failure, SettingsArgs, print};
 use facewire::config::{Choice as _, Settings};
-use facewire::hardware::{self, Flags, Machine, Sensors};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::{Step, bind_to_hot_cpu};
+use facewire_board::{self as board, Flags, Machine, Sensors};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -66,7 +66,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     }
     let settings = args.settings.load()?;
     let report = args.report.then(|| {
-        let sensors = Sensors::find(&hardware::root(), &settings.hardware);
+        let sensors = Sensors::find(&board::root(), &settings.hardware);
         (sensors.read(0.0).0, sensors)
     });
     let source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?;
@@ -153,7 +153,7 @@ fn report_text(
     layers: &Layers,
     (input, samples): (&str, &Samples),
 ) -> String {
-    let (root, networks, camera) = (hardware::root(), &settings.networks, &settings.camera);
+    let (root, networks, camera) = (board::root(), &settings.networks, &settings.camera);
     // The settings that matter for speed.
     let in_force = format!(
         "networks.engine {}, networks.threads {}, camera {} x {} at {}/s in format {}",
@@ -168,9 +168,9 @@ fn report_text(
         ("facewire", format!("{}; {in_force}", env!("CARGO_PKG_VERSION"))),
         ("bound", bound.unwrap_or_else(|| "to no CPU".to_owned())),
         ("board", Machine::detect(&root).tell(settings.board)),
-        ("system", hardware::system()),
-        ("processors", hardware::processors(&root)),
-        ("memory", hardware::memory_mb(&root).map_or_else(|| "unknown".to_owned(), |mb| format!("{mb} MB"))),
+        ("system", board::system()),
+        ("processors", board::processors(&root)),
+        ("memory", board::memory_mb(&root).map_or_else(|| "unknown".to_owned(), |mb| format!("{mb} MB"))),
         ("before", before),
         ("after", after),
         ("flags", Flags::ask().map_or_else(|| "none".to_owned(), |flags| flags.to_string())),

@@ -12,8 +12,8 @@ use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Map, Value, json};
 
 use facewire::cli::Failure;
-use facewire::hardware::{self, Machine};
 use facewire::pipeline::StageTimes;
+use facewire_board::{self as board, Machine};
 
 const CAMERA_FPS: f64 = 30.0;
 const QUANTILES: [(&str, f64); 5] = [("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("p999", 0.999), ("max", 1.0)];
@@ -130,7 +130,7 @@ impl Samples {
 }
 
 fn machine() -> String {
-    format!("{} ({})", Machine::detect(&hardware::root()).model, std::env::consts::ARCH)
+    format!("{} ({})", Machine::detect(&board::root()).model, std::env::consts::ARCH)
 }
 
 pub fn peak_memory_mb() -> f64 {

@@ -1,4 +1,5 @@
-//! What the kernel tells of the board: temperature, supply voltage, clock rates, and which board it is.
+//! The board: which one it is, and what the kernel tells of its temperature, supply voltage and clock rates. And the words
+//! for all that makes tracking poor, on the board or in front of the camera, with the remedies.
 //!
 //! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
 //! All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
@@ -6,15 +7,15 @@
 //! voltage is in `rpi_volt`, which the kernel asks the firmware for every 2 s, and a Pi that slows down because of heat
 //! shows it in its temperature.
 
+mod impairment;
 mod machine;
 mod sensors;
 
 use std::path::PathBuf;
 
+pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
-pub use self::sensors::Sensors;
-use crate::config::HardwareSettings;
-use crate::impairment::{Impairment, ImpairmentSet};
+pub use self::sensors::{HardwareSettings, Sensors};
 
 const POLL_US: u64 = 2_000_000;
 /// Time after which sensors are looked for again, because drivers may be loaded late.

@@ -3,8 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::config::HardwareSettings;
-use crate::impairment::{Impairment, ImpairmentSet};
+use crate::{Impairment, ImpairmentSet};
 
 /// Reads a text without the zero byte that ends it in a device tree. Sensors come and go, and some refuse a reading for a
 /// moment.
@@ -46,6 +45,15 @@ const BELOW_CRITICAL_C: f32 = 10.0;
 const USUAL_LIMIT_C: f32 = 85.0;
 /// Sensors that are not ready return values outside of this range.
 const CREDIBLE_C: std::ops::RangeInclusive<f32> = -40.0..=150.0;
+
+/// What an owner says of the sensors.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct HardwareSettings {
+    /// The type of the thermal zone to read. Empty for the one that fits best.
+    pub thermal_zone: String,
+    /// The temperature from which on the processor is hot. 0 for the limit that the sensor names.
+    pub temperature_limit_c: u32,
+}
 
 #[derive(Debug)]
 struct Thermometer {
@@ -169,16 +177,25 @@ impl Sensors {
         self.throttle_counts.iter().filter_map(|path| number(path)).sum()
     }
 
+    pub fn temperature_c(&self) -> Option<f32> {
+        celsius(&self.thermometer.as_ref()?.file)
+    }
+
+    /// Whether the supply voltage is too low, where a sensor tells.
+    pub fn is_undervolted(&self) -> Option<bool> {
+        number(self.voltage_alarm.as_deref()?).map(|alarm| alarm != 0)
+    }
+
     /// Returns a line that shows the sensors, and what they mean. The processor is hot from so far below its limit on.
     pub fn read(&self, below_limit_c: f32) -> (String, ImpairmentSet) {
-        let temperature = self.thermometer.as_ref().and_then(|found| Some((found, celsius(&found.file)?)));
+        let temperature = self.thermometer.as_ref().zip(self.temperature_c());
         let is_slowed = self.cooling_states.iter().any(|path| number(path).is_some_and(|state| state > 0));
-        let voltage_alarm = self.voltage_alarm.as_deref().and_then(number);
+        let is_undervolted = self.is_undervolted();
         let is_hot = temperature.is_some_and(|(found, now_c)| now_c >= found.limit_c - below_limit_c);
         let has_slow_governor = self.policies.iter().any(|folder| has_slow_governor(folder) == Some(true));
         let mut impairments = ImpairmentSet::default();
         impairments.set(Impairment::Hot, is_hot || is_slowed);
-        impairments.set(Impairment::Undervoltage, voltage_alarm.is_some_and(|alarm| alarm != 0));
+        impairments.set(Impairment::Undervoltage, is_undervolted == Some(true));
         impairments.set(Impairment::SlowGovernor, has_slow_governor);
         let mut line = match temperature {
             Some((Thermometer { name, limit_c, .. }, now_c)) => {
@@ -190,10 +207,10 @@ impl Sensors {
         let mut clocks: Vec<_> = self.policies.iter().filter_map(|folder| clock(folder)).collect();
         clocks.dedup();
         line += &clocks.concat();
-        line += match voltage_alarm {
+        line += match is_undervolted {
             None => "",
-            Some(0) => "; supply voltage good",
-            Some(_) => "; supply voltage too low",
+            Some(false) => "; supply voltage good",
+            Some(true) => "; supply voltage too low",
         };
         (line, impairments)
     }

@@ -50,10 +50,12 @@ def linked_packages(target, options):
 
 def licence_of(package):
     """Returns Debian's name of the licence under which the package is distributed."""
-    offered = re.split(r"\s+OR\s+|/", (package["license"] or "").strip())
+    # What is based on the Independent JPEG Group's software says so besides; the text of its licence stands there.
+    licence, of_jpeg = re.subn(r"^\((.*)\) AND IJG$", r"\1", (package["license"] or "").strip())
+    offered = re.split(r"\s+OR\s+|/", licence)
     for name, debian in PREFERRED.items():
         if name in offered:
-            return debian
+            return f"{debian} and IJG" if of_jpeg else debian
     return fail(f"{package['name']} has the licence {package['license']!r}: add it to PREFERRED, with its text")
 
 

@@ -73,6 +73,8 @@ function isStop({ key, target }) {
   return key === " " && !isTyping && !target.matches?.("button, a, summary, input:not([type=range])");
 }
 
+const beginning = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+
 function Banners() {
   const { connection, status, session } = store;
   const banner = (kind, text, rest) =>
@@ -92,7 +94,7 @@ function Banners() {
       !status.running &&
       banner(
         "bad",
-        `The service does not run. ${status.trouble ?? ""}`,
+        beginning(status.trouble ?? "the service does not run"),
         html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`,
       )
     }

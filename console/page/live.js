@@ -73,9 +73,18 @@ function start() {
     element("no-face").hidden = false;
     console.warn(`The face cannot be drawn: ${error.message}`);
   }
-  onFace(snapshot);
-  stayWhile(() => page.recorder !== undefined);
-  requestAnimationFrame(frame);
+  // The log-in takes the place of the page when a session has ended. The page that comes after it is built anew.
+  Object.assign(page, { hello: undefined, snapshot: undefined });
+  shown.last = undefined;
+  const ends = [onFace(snapshot), stayWhile(() => page.recorder !== undefined)];
+  let next = requestAnimationFrame(function draw() {
+    next = requestAnimationFrame(draw);
+    frame();
+  });
+  return () => {
+    cancelAnimationFrame(next);
+    ends.forEach((end) => end());
+  };
 }
 
 function hello(message) {
@@ -150,7 +159,6 @@ function drawFace(pose, coefficients) {
 const AT_REST = { rotation: [0, 0, 0, 1], position_mm: [0, 0, 0], state: "neutral" };
 
 function frame() {
-  requestAnimationFrame(frame);
   const time = now();
   if (store.hello && store.hello !== page.hello) hello(store.hello);
   if (time - shown.text > TEXT_PERIOD_MS) showText(time);

@@ -214,7 +214,14 @@ impl Call<'_> {
                     .for_each(|end| end.notify_one());
                 "the calibration is cancelled".to_owned()
             }
-            "servos/release" => control.tell(&json!({"do": "release", "on": body.read::<Release>().await?.on})).await?,
+            "servos/release" => {
+                let Release { on } = body.read().await?;
+                // Whoever lets servos move again does not find them where somebody's slider wants them.
+                if on {
+                    console.servos.end();
+                }
+                control.tell(&json!({"do": "release", "on": on})).await?
+            }
             "servos/arm" => {
                 body.read::<Nothing>().await?;
                 let drive = console.servos.arm(control, caller).await?;

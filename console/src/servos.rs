@@ -101,6 +101,11 @@ impl Servos {
         lines.try_send(line).map_err(|_| BEHIND)
     }
 
+    /// Ends whichever session there is.
+    pub fn end(&self) {
+        self.drive().take();
+    }
+
     /// Ends a session. One that has ended before is no fault.
     pub fn disarm(&self, id: &str) {
         self.drive().take_if(|drive| drive.id.is(id));

@@ -7,6 +7,7 @@ use std::{
     process::{Child, ChildStdin, Command, Stdio},
     sync::mpsc,
     thread,
+    time::Duration,
 };
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
@@ -40,6 +41,7 @@ pub struct Browser {
     session: Option<String>,
     commands_sent: u64,
     folder: TempDir,
+    patience: Duration,
 }
 
 /// A picture of the page, 4 bytes for each pixel.
@@ -71,8 +73,16 @@ impl Browser {
             }
         });
         let commands = child.stdin.take().unwrap();
-        let mut browser =
-            Self { child, commands, messages, events: Vec::new(), session: None, commands_sent: 0, folder };
+        let mut browser = Self {
+            child,
+            commands,
+            messages,
+            events: Vec::new(),
+            session: None,
+            commands_sent: 0,
+            folder,
+            patience: PATIENCE,
+        };
         browser.prepare(width, height);
         browser
     }
@@ -90,6 +100,11 @@ impl Browser {
             self.call(&format!("{domain}.enable"), &json!({}));
         }
         self.resize(width, height);
+    }
+
+    /// Waits longer for what must come, of a slow machine.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.patience = patience;
     }
 
     /// Gives the page another size. A narrow page is that of a phone.
@@ -130,7 +145,7 @@ impl Browser {
     }
 
     fn next_message(&self) -> Value {
-        self.messages.recv_timeout(PATIENCE).expect("the browser does not answer")
+        self.messages.recv_timeout(self.patience).expect("the browser does not answer")
     }
 
     /// The parameters of all events of this kind so far.
@@ -157,7 +172,7 @@ impl Browser {
     /// Waits until an expression in the page is true. The page looks at it before each picture. An expression that fails,
     /// as while the page is built, is not true yet.
     pub fn wait_until(&mut self, condition: &str) {
-        let patience_ms = PATIENCE.as_millis();
+        let patience_ms = self.patience.as_millis();
         let look = format!(
             "new Promise((done) => {{ const end = performance.now() + {patience_ms}; \
              const holds = () => {{ try {{ return {condition}; }} catch {{ return false; }} }}; \

@@ -1,0 +1,150 @@
+//! A head is set up by clicks alone, on a machine on which the package was just installed: the virtual machine of the device
+//! tests, with a camera and a Maestro. `tests/guest/console` starts both.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    thread,
+    time::{Duration, Instant},
+};
+
+use common::browser::Browser;
+
+/// The machine is emulated, and 10 to 20 times slower than this one.
+const PATIENCE: Duration = Duration::from_mins(5);
+const PASSWORD: &str = "eyes that look";
+/// Four channels, with the sources and the ends that they get.
+const CHANNELS: [(&str, u32, u32); 4] =
+    [("jawOpen", 1000, 1600), ("eyeBlinkLeft", 1900, 1300), ("browInnerUp", 1200, 1700), ("headYaw", 1100, 1900)];
+
+struct Guest(PathBuf);
+
+impl Guest {
+    fn await_file(&self, name: &str) {
+        self.wait(name, |guest| guest.0.join(name).exists());
+    }
+
+    fn wait(&self, what: &str, holds: impl Fn(&Self) -> bool) {
+        let end = Instant::now() + PATIENCE;
+        while !holds(self) {
+            assert!(Instant::now() < end, "waited in vain for {what}");
+            thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    /// The newest target of each channel, in microseconds; 0 for none. `None` for channels without one.
+    fn pulses_us(&self) -> [Option<u32>; CHANNELS.len()] {
+        let mut pulses = [None; CHANNELS.len()];
+        let text = fs::read_to_string(self.0.join("targets")).unwrap_or_default();
+        for (channel, target) in text.lines().filter_map(|line| line.split_once(' ')) {
+            let place = pulses.get_mut(channel.parse::<usize>().unwrap());
+            place.into_iter().for_each(|pulse| *pulse = Some(target.parse::<u32>().unwrap() / 4));
+        }
+        pulses
+    }
+}
+
+fn go_to(browser: &mut Browser, page: &str, text: &str) {
+    browser.value(&format!("location.hash = '{page}'"));
+    browser.wait_for_text(text);
+}
+
+/// Keeps the changed settings, once they have no fault.
+fn keep(browser: &mut Browser) {
+    browser.wait_until("!document.querySelector('#draft .trouble')");
+    browser.click("Keep");
+    browser.wait_until("!document.querySelector('#draft')");
+}
+
+fn log_in(browser: &mut Browser, url: &str) {
+    browser.open(url);
+    browser.set("input[name=password]", PASSWORD);
+    browser.wait_until("document.querySelector('form button.primary:enabled')");
+    browser.value("document.querySelector('form').requestSubmit()");
+    browser.wait_until("document.querySelector('nav')");
+}
+
+#[test]
+#[ignore = "it needs the virtual machine of the device tests: tests/guest/console"]
+fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
+    let guest = Guest(Path::new(&env::var_os("FACEWIRE_GUEST_SHARE").unwrap()).to_owned());
+    let url = env::var("FACEWIRE_GUEST_PAGE").unwrap();
+    guest.await_file("ready");
+    let mut browser = Browser::start(360, 740);
+    browser.set_patience(PATIENCE);
+    log_in(&mut browser, &url);
+    browser.screenshot("guest-1-first");
+
+    // The camera, of those that are present.
+    go_to(&mut browser, "start", "Which camera?");
+    let loopback = "[...document.querySelectorAll('.choice')].find((choice) => choice.textContent.includes('/dev/'))";
+    browser.wait_until(loopback);
+    browser.value(&format!("{loopback}.querySelector('input').click()"));
+    browser.wait_for_text("1 setting is changed");
+    browser.screenshot("guest-2-camera");
+    // The Maestro that is plugged in.
+    browser.click("Next");
+    browser.click("Next");
+    browser.wait_until("document.querySelector('.offer')?.textContent.includes('Maestro')");
+    browser.click("Use it");
+    browser.wait_for_text("set up");
+    browser.screenshot("guest-3-receiver");
+
+    go_to(&mut browser, "servos", "Add a channel");
+    for (number, (source, at_0_us, at_1_us)) in CHANNELS.into_iter().enumerate() {
+        let card = format!("article[aria-label=\"Channel {number}\"]");
+        browser.click("Add a channel");
+        browser.wait_until(&format!("document.querySelector('{card}')"));
+        browser.set(&format!("{card} .sources select"), source);
+        browser.wait_until(&format!("document.querySelector('{card} h4').textContent.includes('{source}')"));
+        for (label, pulse_us) in [("Pulse at end 0", at_0_us), ("Pulse at end 1", at_1_us)] {
+            browser.value(&format!(
+                "[...document.querySelectorAll('{card} label')].find((label) => label.textContent.startsWith('{label}')).querySelector('input').id = 'pulse'"
+            ));
+            browser.set("#pulse", &pulse_us.to_string());
+            browser.value("document.getElementById('pulse').removeAttribute('id')");
+        }
+    }
+    browser.wait_until("!document.querySelector('#draft .trouble')");
+    browser.screenshot("guest-4-servos");
+    keep(&mut browser);
+
+    go_to(&mut browser, "start", "Start");
+    browser.click("5");
+    browser.click("Start now and with the board");
+    browser.wait_for_text("The service runs.");
+    go_to(&mut browser, "servos", "connected");
+    browser.wait_until("document.querySelector('.board .state-good')");
+    guest.wait("targets of all channels", |guest| guest.pulses_us().iter().all(Option::is_some));
+
+    // Armed, a slider moves its servo to its end and not beyond.
+    browser.click("Arm");
+    browser.wait_for_text("Armed.");
+    let [(_, at_0_us, at_1_us), ..] = CHANNELS;
+    browser.set("article[aria-label=\"Channel 0\"] input[type=range]", "1");
+    guest.wait("the jaw at its end", |guest| guest.pulses_us()[0] == Some(at_1_us));
+    browser.screenshot("guest-5-armed");
+    browser.value("document.getElementById('stop').click()");
+    browser.wait_for_text("All servos are released");
+    guest.wait("servos without pulses", |guest| guest.pulses_us() == [Some(0); 4]);
+    browser.wait_for_text("Arm");
+    browser.screenshot("guest-6-stopped");
+    browser.click("Let servos move again");
+    guest.wait("pulses of all channels", |guest| guest.pulses_us().iter().all(|pulse| pulse.is_some_and(|us| us > 0)));
+
+    fs::write(guest.0.join("restart"), "").unwrap();
+    guest.await_file("restarted");
+    guest.wait("targets after the restart", |guest| guest.pulses_us().iter().all(Option::is_some));
+    let [jaw_us, ..] = guest.pulses_us();
+    assert!((at_0_us..=at_1_us).contains(&jaw_us.unwrap()), "{jaw_us:?}");
+    log_in(&mut browser, &url);
+    browser.resize(1280, 900);
+    browser
+        .wait_until("['live', 'hold'].some((state) => document.getElementById('state').textContent.startsWith(state))");
+    browser.screenshot("guest-7-restarted");
+    let failures = browser.events("Runtime.exceptionThrown");
+    assert!(failures.is_empty(), "{}", failures[0]["exceptionDetails"]["exception"]["description"]);
+}

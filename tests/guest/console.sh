@@ -1,0 +1,79 @@
+#!/bin/sh
+# A machine on which the package was just installed: a camera that shows the built-in clip, a Maestro, and the console. Runs in
+# the guest for tests/guest/console, which clicks; files in /host say how far each of them is.
+set -eu
+work=/run/case
+mkdir $work
+cp maestro.py clip.avi $work
+
+fail() {
+    echo "$*" >&2
+    exit 1
+}
+
+# await COMMAND...: waits until the command succeeds, for three minutes
+await() {
+    tries=0
+    until "$@"; do
+        tries=$((tries + 1))
+        [ $tries -lt 180 ] || fail "waited in vain for: $*"
+        sleep 1
+    done
+}
+
+dpkg --install facewire.deb </dev/null >$work/dpkg 2>&1 || fail "$(cat $work/dpkg)"
+[ "$(systemctl is-enabled facewire-console)" = disabled ] || fail 'the console is enabled after the installation'
+# Frames take seconds under emulation.
+cat >>/etc/facewire/facewire.toml <<CONFIG
+
+# The head in the hall.
+[adaptation]
+enabled = false
+[failsafe]
+live_ms = 5000
+hold_ms = 10000
+neutral_ms = 10500
+CONFIG
+
+feed-video $work/clip.avi mjpeg 2
+usb-acm plug
+usb-acm unplug
+echo 0x1ffb >/sys/kernel/config/usb_gadget/acm/idVendor
+echo 0x008a >/sys/kernel/config/usb_gadget/acm/idProduct
+echo 'Pololu Corporation' >/sys/kernel/config/usb_gadget/acm/strings/0x409/manufacturer
+usb-acm plug
+stty -F /dev/ttyGS0 raw -echo
+: >$work/targets
+python3 $work/maestro.py /dev/ttyGS0 $work/targets &
+
+modprobe virtio_net
+ip address add 10.0.2.15/24 dev eth0
+ip link set eth0 up
+systemctl enable --now facewire-console
+listening() { ss -ltn | grep -q :5252; }
+await listening
+
+# Shows the host what the servos are told.
+show() { tail -n 400 $work/targets >/host/targets.new && mv /host/targets.new /host/targets; }
+touch /host/ready
+while [ ! -e /host/end ]; do
+    show
+    if [ -e /host/restart ]; then
+        rm /host/restart
+        # As at the next start, the units that are enabled start by themselves.
+        systemctl stop facewire facewire-console facewire-helper.socket
+        rm -rf /run/facewire
+        : >$work/targets
+        [ "$(systemctl is-enabled facewire)" = enabled ] || fail 'the service does not start with the system'
+        systemctl start multi-user.target
+        # shellcheck disable=SC2046
+        systemctl start $(systemctl show --property Wants --value multi-user.target | tr ' ' '\n' | grep facewire)
+        await listening
+        touch /host/restarted
+    fi
+    sleep 1
+done
+grep -q '^# The head in the hall.$' /etc/facewire/facewire.toml || fail 'a comment is gone'
+cp /etc/facewire/facewire.toml /host/kept.toml
+journalctl --unit facewire --unit facewire-console --unit 'facewire-helper@*' --output short >/host/journal
+! grep -i panic /host/journal || fail 'a program panicked'

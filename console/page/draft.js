@@ -5,11 +5,13 @@ import { html, useState } from "./vendor/preact.js";
 import { Action } from "./common.js";
 import { get, mayOperate, post, update, useStore } from "./store.js";
 
-// `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets.
+// `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets. `used` is what the file
+// sets, and so what the service uses.
 export const draft = {
   kept: undefined,
   text: undefined,
   values: {},
+  used: {},
   schema: undefined,
   faults: [],
   changed: [],
@@ -39,6 +41,7 @@ async function reload() {
       text,
       schema,
       values: values ?? {},
+      used: values ?? {},
       faults: faults ?? [],
       versions,
       changed: [],
@@ -63,14 +66,14 @@ const after = (step) => (last = last.catch(() => undefined).then(step));
 export const change = (changes) =>
   after(async () => {
     await loadDraft();
-    const { text } = await post("settings/edit", { text: draft.text, changes });
-    await check(text);
+    const { text, values } = await post("settings/edit", { text: draft.text, changes });
+    await check(text, values);
   });
 
 export const setText = (text) => after(() => check(text));
 
-async function check(text) {
-  set({ text });
+async function check(text, edited = draft.values) {
+  set({ text, values: edited });
   const { faults, changed, values } = await post("settings/check", { text });
   set({ faults: faults ?? [], changed: changed ?? [], values: values ?? draft.values });
 }

@@ -1,7 +1,7 @@
 // Servos: a card for each channel, arming, and a puppet.
 
 import { Action, Trouble, useEvery } from "./common.js";
-import { change, useDraft } from "./draft.js";
+import { change, draft, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
 import { Puppet } from "./puppet.js";
@@ -102,7 +102,11 @@ function Channel({ place: [link, k], channel, drive, live }) {
   const names = Object.keys(settings.sources);
   const title = `Channel ${number}`;
   const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
-  const pulse = Math.round(settings.pulse_at_0_us + position * (settings.pulse_at_1_us - settings.pulse_at_0_us));
+  // The service moves within the ends that it knows, whatever ends wait to be kept.
+  const used = { ...DEFAULTS, ...draft.used.link?.[link]?.channel?.find((other) => (other.channel ?? 0) === number) };
+  const pulse = Math.round(used.pulse_at_0_us + position * (used.pulse_at_1_us - used.pulse_at_0_us));
+  const place = (pulse - settings.pulse_at_0_us) / (settings.pulse_at_1_us - settings.pulse_at_0_us || 1);
+  const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
   const move = (event) => {
     setJog(Number(event.target.value));
     drive.move({ link, channel: number, position: Number(event.target.value) });
@@ -112,7 +116,8 @@ function Channel({ place: [link, k], channel, drive, live }) {
   }, [drive.isArmed]);
   return html`<article class="panel channel" aria-label=${title}>
     <h4>${title} <span class="dim">${names.join(" + ") || "follows nothing"}</span></h4>
-    <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed} onInput=${move}
+    <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live}
+      onInput=${move}
       aria-label=${`Move channel ${number}`}
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} microseconds`} />
     <${Progress} target=${live?.target} position=${live?.position} />
@@ -123,7 +128,7 @@ function Channel({ place: [link, k], channel, drive, live }) {
         label=${`Set end 0 here, channel ${number}`}>Set end 0 here<//>
       <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_1_us", pulse)}
         label=${`Set end 1 here, channel ${number}`}>Set end 1 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set("neutral", Number(position.toFixed(3)))}
+      <${Action} disabled=${jog === undefined} run=${() => set("neutral", rest)}
         label=${`Set rest here, channel ${number}`}>Set rest here<//>
     </div>
     <${Sources} settings=${settings} number=${number} set=${set} path=${path} />

@@ -202,7 +202,7 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
 }
 
 #[test]
-fn an_end_is_set_at_the_sliders_place_and_kept_with_the_comments() {
+fn ends_and_rest_are_set_where_the_servo_is_and_kept_with_the_comments() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
     browser.click("Arm");
     browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled === false"));
@@ -212,10 +212,18 @@ fn an_end_is_set_at_the_sliders_place_and_kept_with_the_comments() {
     browser.click("Difference");
     browser.wait_for_text("+ pulse_at_0_us = 1300 # jaw shut");
     browser.screenshot("difference");
+    // The service does not know the new end yet, and moves between those of the file.
+    browser.set(SLIDER, "0.75");
+    browser.click("Set end 1 here");
+    browser.wait_for_text("+ pulse_at_1_us = 1700");
+    browser.set(SLIDER, "0.375");
+    browser.click("Set rest here");
+    browser.wait_for_text("+ neutral = 0.25");
     assert_eq!(console.settings(), SETTINGS);
     browser.click("Keep");
     browser.wait_until("!document.getElementById('draft')");
-    assert_eq!(console.settings(), SETTINGS.replace("1100", "1300"));
+    let kept = SETTINGS.replace("1100", "1300").replace("1900\n", "1700\nneutral = 0.25\n");
+    assert_eq!(console.settings(), kept);
     until_asked(&console, &json!({"do": "reload"}));
 }
 

@@ -112,7 +112,7 @@ fn status(seen: &Seen) -> Value {
     let channel = |number: u32| {
         let last = seen.lines.iter().rev().find(|(_, line)| line["channel"] == number);
         let position = last.map_or(json!(0.5), |(_, line)| line["position"].clone());
-        let pulse_us = (!is_released).then_some(1480);
+        let pulse_us = position.as_f64().filter(|_| !is_released).map(|position| 1100.0 + 800.0 * position);
         json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us})
     };
     let link = json!({"name": "maestro /dev/ttyACM0", "kind": "maestro", "open": true, "sent": 100, "dropped": 0,

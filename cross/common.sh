@@ -55,7 +55,7 @@ use_target_compiler() {
 }
 
 # build_programs FEATURES OPTION...: builds the programs that boards get, with these options of cargo. FEATURES is an option
-# for facewire and its tools, such as --no-default-features, or empty. The live view has its own run of cargo, because one
+# for facewire and its tools, such as --no-default-features, or empty. facewire-console has its own run of cargo, because one
 # run for all would give a shared dependency the features that any of them needs.
 build_programs() {
     local features=$1

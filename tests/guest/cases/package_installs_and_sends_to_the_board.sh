@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installing the package starts nothing. After that a camera and a board are plugged in and the unit is enabled: with the
-# default settings, packets come by the serial line, and the live view shows them. No other serial port is written to.
+# default settings, packets come by the serial line, and facewire-console shows them. No other serial port is written to.
 . cases/lib.sh
 . cases/package.sh
 cp receivers.py board.py $work
@@ -22,7 +22,7 @@ told 1 'link opened: /dev/serial/by-id/usb-Arduino_8036_1234-if00 at 115200 baud
 grep 'link opened' $work/log
 ! readlink /proc/"$(property MainPID)"/fd/* | grep ttyS || fail 'it has opened a serial port that is no board'
 
-# The live view, without any settings, shows what the service sends to this machine.
+# facewire-console, without any settings, shows what the service sends to this machine.
 view=http://127.0.0.1:5252
 shown() { busybox timeout 5 busybox wget -qO- $view/api/1/events | grep -q '"reason":"no face"'; }
 facewire-console >$work/view 2>&1 &

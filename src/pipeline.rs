@@ -213,7 +213,7 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-    use crate::calibration::Refusal;
+    use facewire_packet::control::Refusal;
 
     use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};

@@ -5,6 +5,7 @@ use std::{
     time::Duration,
 };
 
+use facewire_packet::control::{Drive, Request as Command};
 use http_body_util::{BodyExt as _, Full, Limited, channel::Channel};
 use hyper::{
     HeaderMap, Method, Request, Response, StatusCode,
@@ -20,7 +21,6 @@ use crate::{
     console::{Console, sentence},
     control::ControlError,
     report,
-    servos::Movement,
     settings::{self, Fault},
     web::{Body, Refusal},
 };
@@ -127,7 +127,7 @@ impl Call<'_> {
                 None => self.settings().await?,
             },
             "wearers" => {
-                let mut reply = console.control.ask(&json!({"do": "list"})).await?;
+                let mut reply = console.control.ask(&Command::List {}).await?;
                 reply.get_mut("wearers").map(Value::take).unwrap_or_default()
             }
             "recordings" => {
@@ -199,10 +199,8 @@ impl Call<'_> {
                 let text = console.settings.old_text(&id)?.ok_or(Refusal::NOT_FOUND)?;
                 return self.keep(&text, None).await;
             }
-            "wearers/use" => control.tell(&json!({"do": "use", "wearer": body.read::<Name>().await?.name})).await?,
-            "wearers/delete" => {
-                control.tell(&json!({"do": "delete", "wearer": body.read::<File>().await?.name})).await?
-            }
+            "wearers/use" => control.tell(&Command::Use { wearer: body.read::<Name>().await?.name }).await?,
+            "wearers/delete" => control.tell(&Command::Delete { wearer: body.read::<File>().await?.name }).await?,
             "calibration/begin" => self.calibrate(body.read::<Wearer>().await?.wearer).await?,
             "calibration/cancel" => {
                 body.read::<Nothing>().await?;
@@ -220,7 +218,7 @@ impl Call<'_> {
                 if on {
                     console.servos.end();
                 }
-                control.tell(&json!({"do": "release", "on": on})).await?
+                control.tell(&Command::Release { on }).await?
             }
             "servos/arm" => {
                 body.read::<Nothing>().await?;
@@ -231,8 +229,8 @@ impl Call<'_> {
             "servos/drive" => {
                 let mut line = body.read::<Map<String, Value>>().await?;
                 let drive = line.remove("drive").unwrap_or_default();
-                let movement = Movement::deserialize(Value::Object(line)).map_err(|error| bad(&error))?;
-                console.servos.movement(drive.as_str().unwrap_or_default(), &movement)?;
+                let movement = Drive::deserialize(Value::Object(line)).map_err(|error| bad(&error))?;
+                console.servos.movement(drive.as_str().unwrap_or_default(), movement)?;
                 String::new()
             }
             "servos/disarm" => {
@@ -320,7 +318,7 @@ impl Call<'_> {
             }
             console.settings.keep(text)?;
         }
-        let done = match console.control.tell(&json!({"do": "reload"})).await {
+        let done = match console.control.tell(&Command::Reload {}).await {
             Ok(done) => done,
             Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
             Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
@@ -340,7 +338,7 @@ impl Call<'_> {
             }
             *calibrating = Some(Arc::clone(&end));
         }
-        let opened = console.control.open(&json!({"do": "calibrate", "wearer": wearer})).await;
+        let opened = console.control.open(&Command::Calibrate { wearer }).await;
         let free = |console: &Console| *console.calibrating.lock().unwrap_or_else(PoisonError::into_inner) = None;
         let mut connection = opened.inspect_err(|_| free(&console))?;
         tokio::spawn(async move {

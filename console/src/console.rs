@@ -9,7 +9,7 @@ use std::{
 };
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use facewire_packet::Packet;
+use facewire_packet::{Packet, control::Request};
 use serde_json::{Value, json};
 use tokio::{
     select,
@@ -189,7 +189,7 @@ impl Console {
     }
 
     async fn follow(&self, counter: &mut PacketCounter) -> ControlError {
-        let mut connection = match self.control.open(&json!({"do": "watch"})).await {
+        let mut connection = match self.control.open(&Request::Watch {}).await {
             Ok(connection) => connection,
             Err(error) => return error,
         };

@@ -5,12 +5,14 @@
 //! [`PATIENCE`] each, and a line has at most [`MOST_LINE_BYTES`].
 
 use std::{
-    env, io,
+    io,
     path::{Path, PathBuf},
     time::Duration,
 };
 
-use serde_json::{Value, json};
+use facewire_packet::control::{Request, sockets};
+use serde::Serialize;
+use serde_json::Value;
 use tokio::{
     io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader},
     net::{
@@ -60,13 +62,11 @@ pub struct Control {
 impl Control {
     /// Without a path, looks where the service of this user listens, and then where the system's does.
     pub fn new(path: Option<&Path>) -> Self {
-        let of_user = || env::var_os("XDG_RUNTIME_DIR").map(|folder| Path::new(&folder).join("facewire/control"));
-        let known = || of_user().into_iter().chain([PathBuf::from("/run/facewire/control")]).collect();
-        Self { paths: path.map_or_else(known, |path| vec![path.to_owned()]) }
+        Self { paths: path.map_or_else(sockets, |path| vec![path.to_owned()]) }
     }
 
     /// Connects and sends a request. The connection stays open for the answer.
-    pub async fn open(&self, request: &Value) -> Result<Connection, ControlError> {
+    pub async fn open(&self, request: &Request) -> Result<Connection, ControlError> {
         let mut last = ControlError::Away;
         for path in &self.paths {
             match within(UnixStream::connect(path)).await {
@@ -83,18 +83,18 @@ impl Control {
     }
 
     /// Sends a request and returns the only line of its answer.
-    pub async fn ask(&self, request: &Value) -> Result<Value, ControlError> {
+    pub async fn ask(&self, request: &Request) -> Result<Value, ControlError> {
         self.open(request).await?.reply().await
     }
 
     /// Sends a request that something be done, and returns the service's sentence about it.
-    pub async fn tell(&self, request: &Value) -> Result<String, ControlError> {
+    pub async fn tell(&self, request: &Request) -> Result<String, ControlError> {
         let reply = self.ask(request).await?;
         Ok(reply.get("done").and_then(Value::as_str).unwrap_or_default().to_owned())
     }
 
     pub async fn status(&self) -> Result<Value, ControlError> {
-        let mut reply = self.ask(&json!({"do": "status"})).await?;
+        let mut reply = self.ask(&Request::Status {}).await?;
         Ok(reply.get_mut("status").map(Value::take).unwrap_or_default())
     }
 }
@@ -107,8 +107,8 @@ pub struct Connection {
 }
 
 impl Connection {
-    pub async fn send(&mut self, line: &Value) -> io::Result<()> {
-        within(self.write.write_all(format!("{line}\n").as_bytes())).await
+    pub async fn send(&mut self, line: &impl Serialize) -> io::Result<()> {
+        within(self.write.write_all(format!("{}\n", serde_json::to_string(line)?).as_bytes())).await
     }
 
     /// Waits for the next line for as long as it takes. `None` if the service has closed the connection.

@@ -1,14 +1,15 @@
 //! The camera's picture as a JPEG image of at most [`MOST_WIDTH`] pixels.
 //!
-//! An image of the camera is handed on as it is. Of a raw picture only the rows and pixels that are shown are kept while it
-//! is read, so that a large one takes no more memory than a small one.
+//! Only the rows and pixels that are shown are kept while a picture is read, so that a large one takes no more memory than a
+//! small one.
 
 use std::io;
 
+use facewire_packet::control::{PictureFormat, PictureHead, Request};
 use hyper::StatusCode;
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde::Deserialize as _;
+use serde_json::Value;
 
 use crate::{
     control::{Connection, Control},
@@ -17,56 +18,24 @@ use crate::{
 
 const MOST_WIDTH: usize = 640;
 const QUALITY: u8 = 70;
-/// Cameras have at most this many pixels at a side, and their images of motion JPEG so many bytes.
+/// Cameras have at most this many pixels at a side.
 const MOST_SIDE: usize = 8192;
-const MOST_JPEG_BYTES: usize = 4 << 20;
 
 const UNKNOWN: Refusal = Refusal::fixed(
     StatusCode::BAD_GATEWAY,
     "The service sends a picture that is not understood: update both programs.\n",
 );
 
-/// The line before the picture.
-#[derive(Debug, Deserialize)]
-struct Head {
-    format: Format,
-    width: usize,
-    height: usize,
-    bytes: usize,
-    /// Whether luma lies between 0 and 255, as in JPEG images, and not between 16 and 235.
-    #[serde(default)]
-    full_range: bool,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Format {
-    Jpeg,
-    Yuyv,
-    Nv12,
-    Grey,
-}
-
 /// Asks for the newest picture. Returns a line of JSON that describes it, and then its bytes.
 pub async fn newest(control: &Control) -> Result<Vec<u8>, Refusal> {
-    let mut connection = control.open(&json!({"do": "picture"})).await?;
+    let mut connection = control.open(&Request::Picture {}).await?;
     let mut line = connection.reply().await?.get_mut("picture").map(Value::take).ok_or(UNKNOWN)?;
-    let head = Head::deserialize(&line).map_err(|_| UNKNOWN)?;
-    let image = match head.format {
-        Format::Jpeg if head.bytes <= MOST_JPEG_BYTES => {
-            let mut image = vec![0; head.bytes];
-            connection.read_exact(&mut image).await.map_err(|error| Refusal::failed(&error))?;
-            image
-        }
-        Format::Jpeg => return Err(UNKNOWN),
-        _ => {
-            let picture = Small::read(&mut connection, &head).await?;
-            tokio::task::spawn_blocking(move || picture.encode())
-                .await
-                .map_err(|error| Refusal::failed(&error))?
-                .map_err(|error| Refusal::failed(&error))?
-        }
-    };
+    let head = PictureHead::deserialize(&line).map_err(|_| UNKNOWN)?;
+    let picture = Small::read(&mut connection, &head).await?;
+    let image = tokio::task::spawn_blocking(move || picture.encode())
+        .await
+        .map_err(|error| Refusal::failed(&error))?
+        .map_err(|error| Refusal::failed(&error))?;
     if let Some(line) = line.as_object_mut() {
         // That of JPEG images is known.
         line.remove("full_range");
@@ -87,10 +56,10 @@ struct Small {
 }
 
 impl Small {
-    async fn read(connection: &mut Connection, head: &Head) -> Result<Self, Refusal> {
-        let Head { format, width, height, bytes, full_range } = *head;
-        let row_bytes = if format == Format::Yuyv { 2 * width } else { width };
-        let rows = if format == Format::Nv12 { height + height / 2 } else { height };
+    async fn read(connection: &mut Connection, head: &PictureHead) -> Result<Self, Refusal> {
+        let PictureHead { format, width, height, bytes, full_range, .. } = *head;
+        let row_bytes = if format == PictureFormat::Yuyv { 2 * width } else { width };
+        let rows = if format == PictureFormat::Nv12 { height + height / 2 } else { height };
         let is_possible = [width, height].iter().all(|side| (2..=MOST_SIDE).contains(side) && side % 2 == 0);
         if !is_possible || bytes < row_bytes * rows {
             return Err(UNKNOWN);
@@ -107,17 +76,17 @@ impl Small {
         Ok(small)
     }
 
-    fn step(head: &Head) -> usize {
+    fn step(head: &PictureHead) -> usize {
         head.width.div_ceil(MOST_WIDTH)
     }
 
-    fn new(head: &Head) -> Self {
+    fn new(head: &PictureHead) -> Self {
         let step = Self::step(head);
         Self { width: head.width / step, height: head.height / step, planes: Default::default() }
     }
 
     /// Takes the next row of the picture.
-    fn take(&mut self, head: &Head, index: usize, row: &[u8]) {
+    fn take(&mut self, head: &PictureHead, index: usize, row: &[u8]) {
         let step = Self::step(head);
         let [luma, blue, red] = &mut self.planes;
         // The rows and pixels of the result, of which each has one at a multiple of the step.
@@ -125,7 +94,7 @@ impl Small {
         let pixels = (0..self.width).map(|x| x * step);
         let at = |offset: usize| row.get(offset).copied().unwrap_or(128);
         match head.format {
-            Format::Yuyv if is_shown(index) => {
+            PictureFormat::Yuyv if is_shown(index) => {
                 for x in pixels {
                     luma.push(at(2 * x));
                     blue.push(at(x / 2 * 4 + 1));
@@ -133,7 +102,7 @@ impl Small {
                 }
             }
             // After the plane of luma, a row of pairs of colour differences serves two rows of pixels.
-            Format::Nv12 if index >= head.height => {
+            PictureFormat::Nv12 if index >= head.height => {
                 let first = 2 * (index - head.height);
                 for _ in (first..first + 2).filter(|row| is_shown(*row)) {
                     for x in pixels.clone() {
@@ -142,7 +111,7 @@ impl Small {
                     }
                 }
             }
-            Format::Nv12 | Format::Grey if is_shown(index) => luma.extend(pixels.map(at)),
+            PictureFormat::Nv12 | PictureFormat::Grey if is_shown(index) => luma.extend(pixels.map(at)),
             _ => {}
         }
     }
@@ -189,13 +158,14 @@ mod tests {
     use super::*;
 
     /// A picture whose luma is the sum of the coordinates, blue 100 plus the column and red 200 minus the row.
-    fn read(format: Format, width: usize, height: usize) -> Small {
-        let head = Head { format, width, height, bytes: 0, full_range: true };
+    fn read(format: PictureFormat, width: usize, height: usize) -> Small {
+        let (full_range, bytes, time_us, landmarks) = (true, 0, 0, None);
+        let head = PictureHead { format, width, height, full_range, bytes, time_us, landmarks };
         let mut small = Small::new(&head);
         let luma = |x: usize, y: usize| (x + y) as u8;
         for y in 0..height {
             let row: Vec<u8> = match format {
-                Format::Yuyv => (0..width)
+                PictureFormat::Yuyv => (0..width)
                     .flat_map(|x| {
                         [luma(x, y), if x % 2 == 0 { (100 + x / 2) as u8 } else { 200_usize.wrapping_sub(y / 2) as u8 }]
                     })
@@ -204,7 +174,7 @@ mod tests {
             };
             small.take(&head, y, &row);
         }
-        if format == Format::Nv12 {
+        if format == PictureFormat::Nv12 {
             for y in 0..height / 2 {
                 let row: Vec<u8> =
                     (0..width / 2).flat_map(|x| [(100 + x) as u8, 200_usize.wrapping_sub(y) as u8]).collect();
@@ -216,7 +186,7 @@ mod tests {
 
     #[test]
     fn small_pictures_of_both_colour_formats_are_the_same() {
-        let [yuyv, nv12] = [Format::Yuyv, Format::Nv12].map(|format| read(format, 32, 16));
+        let [yuyv, nv12] = [PictureFormat::Yuyv, PictureFormat::Nv12].map(|format| read(format, 32, 16));
         assert_eq!(yuyv, nv12);
         assert_eq!(
             (yuyv.width, yuyv.height, yuyv.planes[0][33], yuyv.planes[1][33], yuyv.planes[2][33]),
@@ -235,15 +205,15 @@ mod tests {
     #[test]
     fn a_wide_picture_is_reduced_to_at_most_640_pixels() {
         for (format, width, height, want) in [
-            (Format::Nv12, 1280, 720, (640, 360)),
-            (Format::Yuyv, 1920, 1080, (640, 360)),
-            (Format::Grey, 800, 600, (400, 300)),
-            (Format::Nv12, 1922, 1082, (480, 270)),
+            (PictureFormat::Nv12, 1280, 720, (640, 360)),
+            (PictureFormat::Yuyv, 1920, 1080, (640, 360)),
+            (PictureFormat::Grey, 800, 600, (400, 300)),
+            (PictureFormat::Nv12, 1922, 1082, (480, 270)),
         ] {
             let small = read(format, width, height);
             assert_eq!((small.width, small.height), want);
             assert_eq!(small.planes[0].len(), want.0 * want.1, "{format:?} {width}");
-            let colours = if format == Format::Grey { 0 } else { want.0 * want.1 };
+            let colours = if format == PictureFormat::Grey { 0 } else { want.0 * want.1 };
             assert_eq!((small.planes[1].len(), small.planes[2].len()), (colours, colours), "{format:?} {width}");
             let image = small.encode().unwrap();
             assert!(image.starts_with(&[0xff, 0xd8]) && image.ends_with(&[0xff, 0xd9]));

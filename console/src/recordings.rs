@@ -1,6 +1,7 @@
 //! Recordings: files that `facewire record` writes, and plays through the links.
 
 use std::{
+    collections::BTreeMap,
     fs::{self, DirBuilder},
     io,
     os::unix::fs::DirBuilderExt as _,
@@ -10,7 +11,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use facewire_packet::BLENDSHAPES;
+use facewire_packet::{BLENDSHAPES, control::Drive};
 use hyper::StatusCode;
 use nix::{
     sys::signal::{Signal, kill},
@@ -28,7 +29,7 @@ use tokio::{
 
 use crate::{
     program::Program,
-    servos::{Movement, Servos},
+    servos::Servos,
     status::free_bytes,
     web::{Refusal, Token},
 };
@@ -269,29 +270,31 @@ async fn play(mut child: Child, servos: &Servos, drive: &str) -> io::Result<()> 
         let due = begun + Duration::from_secs_f64((time_s - *first_s.get_or_insert(time_s)).clamp(0.0, 1e6));
         while due.saturating_duration_since(Instant::now()) > STILL_THERE {
             sleep(STILL_THERE).await;
-            send(servos, drive, &Movement::default())?;
+            send(servos, drive, Drive::Alive {})?;
         }
         sleep_until(due).await;
-        send(servos, drive, &movement)?;
+        send(servos, drive, movement)?;
     }
     Ok(())
 }
 
-fn send(servos: &Servos, drive: &str, movement: &Movement) -> io::Result<()> {
+fn send(servos: &Servos, drive: &str, movement: Drive) -> io::Result<()> {
     servos.movement(drive, movement).map_err(|refusal| io::Error::other(refusal.sentence().to_owned()))
 }
 
 /// Reads a row: its time, and the face that it shows.
-fn movement(columns: &[&str], line: &str) -> Option<(f64, Movement)> {
+fn movement(columns: &[&str], line: &str) -> Option<(f64, Drive)> {
     let number = |name: &str| {
         let column = columns.iter().position(|column| *column == name)?;
         line.split(',').nth(column)?.parse::<f32>().ok()
     };
     let time_s = line.split(',').nth(1)?.parse().ok()?;
-    let coefficients = BLENDSHAPES.iter().map(|name| Some(((*name).to_owned(), number(name)?))).collect::<Option<_>>();
+    let coefficients =
+        BLENDSHAPES.iter().map(|name| Some(((*name).to_owned(), number(name)?))).collect::<Option<BTreeMap<_, _>>>();
     let angle = |name: &str| number(&format!("head_{name}_deg"));
     let head_deg = angle("yaw").zip(angle("pitch")).zip(angle("roll")).map(|((yaw, pitch), roll)| [yaw, pitch, roll]);
-    Some((time_s, Movement { coefficients, head_deg, ..Movement::default() }))
+    let face = coefficients.zip(head_deg).map(|(coefficients, head_deg)| Drive::Puppet { coefficients, head_deg });
+    Some((time_s, face.unwrap_or(Drive::Alive {})))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::{fs, net::IpAddr, net::SocketAddr, process::Stdio};
 
+use facewire_packet::control::Request;
 use serde_json::Value;
 use tokio::process::Command;
 
@@ -29,7 +30,7 @@ pub async fn write(console: &Console) -> String {
     let mut names: Vec<String> =
         nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok()).into_iter().collect();
     names.extend(status.pointer("/service/wearer").and_then(Value::as_str).map(str::to_owned));
-    if let Ok(reply) = console.control.ask(&serde_json::json!({"do": "list"})).await {
+    if let Ok(reply) = console.control.ask(&Request::List {}).await {
         let wearers = reply.pointer("/wearers/wearers").and_then(Value::as_array).into_iter().flatten();
         names.extend(wearers.filter_map(|wearer| wearer.get("wearer")?.as_str().map(str::to_owned)));
     }

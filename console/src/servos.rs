@@ -2,13 +2,12 @@
 //! [`WATCHDOG`].
 
 use std::{
-    collections::BTreeMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
+use facewire_packet::control::{Drive, Request};
 use hyper::StatusCode;
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::{sync::mpsc, time::timeout};
 
@@ -28,37 +27,21 @@ const NOT_ARMED: Refusal =
 const BEHIND: Refusal =
     Refusal::fixed(StatusCode::SERVICE_UNAVAILABLE, "The service takes no more movements. Look at its log.\n");
 
-/// A movement, which the service limits.
-#[derive(Debug, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Movement {
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coefficients: Option<BTreeMap<String, f32>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub head_deg: Option<[f32; 3]>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub link: Option<u32>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub channel: Option<u32>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub position: Option<f32>,
-}
-
 #[derive(Debug)]
-struct Drive {
+struct Session {
     id: Token,
     operator: Caller,
-    lines: mpsc::Sender<Value>,
+    lines: mpsc::Sender<Drive>,
 }
 
 /// Who drives, if anybody does.
 #[derive(Debug, Clone, Default)]
 pub struct Servos {
-    drive: Arc<Mutex<Option<Drive>>>,
+    drive: Arc<Mutex<Option<Session>>>,
 }
 
 impl Servos {
-    fn drive(&self) -> MutexGuard<'_, Option<Drive>> {
+    fn drive(&self) -> MutexGuard<'_, Option<Session>> {
         self.drive.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -66,7 +49,7 @@ impl Servos {
     pub fn operator(&self, identity: &str) -> Value {
         self.drive().as_ref().map_or(
             Value::Null,
-            |Drive { operator, .. }| json!({"name": operator.address.to_string(), "me": operator.identity == identity}),
+            |Session { operator, .. }| json!({"name": operator.address.to_string(), "me": operator.identity == identity}),
         )
     }
 
@@ -75,16 +58,16 @@ impl Servos {
         let id = Token::random().map_err(|error| Refusal::failed(&error))?;
         let (lines, waiting) = mpsc::channel(MOST_LINES);
         match &mut *self.drive() {
-            Some(Drive { operator, .. }) => {
+            Some(Session { operator, .. }) => {
                 let who = operator.address;
                 let sentence = format!("{who} moves the servos. Wait until they are let go, or press STOP.\n");
                 return Err(Refusal::new(StatusCode::CONFLICT, sentence));
             }
             // Taken before the service answers, so that two who arm at the same moment do not both ask.
-            empty => *empty = Some(Drive { id: id.clone(), operator: caller.clone(), lines }),
+            empty => *empty = Some(Session { id: id.clone(), operator: caller.clone(), lines }),
         }
         let ended = Ended { servos: self.clone(), id: id.clone() };
-        let mut connection = control.open(&json!({"do": "drive"})).await?;
+        let mut connection = control.open(&Request::Drive {}).await?;
         connection.reply().await?;
         tokio::spawn(async move {
             drive(connection, waiting).await;
@@ -93,12 +76,11 @@ impl Servos {
         Ok(id)
     }
 
-    /// Hands a movement over to the service.
-    pub fn movement(&self, id: &str, movement: &Movement) -> Result<(), Refusal> {
-        let line = serde_json::to_value(movement).map_err(|error| Refusal::failed(&error))?;
+    /// Hands a movement over to the service, which limits it.
+    pub fn movement(&self, id: &str, movement: Drive) -> Result<(), Refusal> {
         let drive = self.drive();
         let lines = &drive.as_ref().filter(|drive| drive.id.is(id)).ok_or(NOT_ARMED)?.lines;
-        lines.try_send(line).map_err(|_| BEHIND)
+        lines.try_send(movement).map_err(|_| BEHIND)
     }
 
     /// Ends whichever session there is.
@@ -125,7 +107,7 @@ impl Drop for Ended {
 }
 
 /// Passes lines on until none comes for too long, the operator disarms, or the service ends.
-async fn drive(mut connection: Connection, mut lines: mpsc::Receiver<Value>) {
+async fn drive(mut connection: Connection, mut lines: mpsc::Receiver<Drive>) {
     while let Ok(Some(line)) = timeout(WATCHDOG, lines.recv()).await {
         let sent = timeout(WATCHDOG, connection.send(&line)).await;
         if !matches!(sent, Ok(Ok(()))) {

@@ -15,6 +15,7 @@ use common::{
     service::{Console, elsewhere},
     skip,
 };
+use facewire_packet::control::{Refusal, Take};
 use serde_json::{Value, json};
 
 const SETTINGS: &str = "# My head\n[camera]\nfps = 60 # fast\n\n[[link]]\nkind = \"maestro\"\n\n[[link.channel]]\nchannel = 0\n\
@@ -370,29 +371,8 @@ fn whoever_comes_from_elsewhere_sets_the_password_and_a_link_to_look_changes_not
 #[test]
 fn the_pages_know_each_pose_refusal_and_impairment_of_the_service() {
     let Some((_console, mut browser)) = open("live", DESK) else { return };
-    let take = include_str!("../../src/calibration/take.rs");
-    let between = |text: &'static str, from: &str, to: &str| text.split_once(from).unwrap().1.split_once(to).unwrap().0;
-    let quoted = |text: &'static str, after: &str, before: &str| -> Vec<String> {
-        let lines = text.lines().filter(|line| line.contains(after) && line.contains(before));
-        lines.map(|line| line.split('"').nth(1).unwrap().to_owned()).collect()
-    };
-    let takes = quoted(between(take, "takes! {", "\n}"), " \"", "\": ");
-    let refusals: Vec<String> = between(take, "pub enum Refusal {", "\n}")
-        .lines()
-        .filter_map(|line| line.strip_prefix("    ")?.strip_suffix(','))
-        .map(|name| {
-            name.chars()
-                .flat_map(|c| if c.is_uppercase() { vec!['-', c.to_ascii_lowercase()] } else { vec![c] })
-                .collect()
-        })
-        .map(|name: String| name.trim_start_matches('-').to_owned())
-        .collect();
+    let (takes, refusals) = (Take::ALL.map(Take::name), Refusal::ALL.map(Refusal::name));
     let impairments = facewire_board::Impairment::ALL.map(facewire_board::Impairment::name);
-    assert_eq!(
-        (takes.len(), refusals.len(), impairments.len()),
-        (11, 12, 10),
-        "{takes:?} {refusals:?} {impairments:?}"
-    );
     let known = browser.value(
         "Promise.all([import('./poses.js'), import('./impaired.js')]).then(([{ TAKES, REFUSALS }, { SENTENCES }]) => \
          [TAKES, REFUSALS, SENTENCES].map(Object.keys))",

@@ -5,7 +5,8 @@
 //! length, magic number, version and checksum.
 //! A UDP datagram holds exactly one packet. On a serial line, [`Packet::encode_frame`] and [`FrameReader`] mark where
 //! packets begin and end. [`Receiver`] decides what to show. With the feature `std`, `Tally` counts
-//! packets, losses and rates. With the feature `formats`, there is what other programs read in place of packets.
+//! packets, losses and rates. With the feature `formats`, there is what other programs read in place of packets, and
+//! with `control`, what goes over the control socket of a service.
 //! Limits: packets are not resent; the next packet replaces a lost one.
 //!
 //! ```
@@ -22,6 +23,8 @@
 #![allow(clippy::cast_precision_loss, reason = "what is converted is below the 2^24 that an f32 holds exactly")]
 
 mod blendshapes;
+#[cfg(feature = "control")]
+pub mod control;
 mod error;
 mod field;
 #[cfg(feature = "formats")]

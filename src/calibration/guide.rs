@@ -9,11 +9,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use facewire_face::{Model, Profile};
-use serde::{Deserialize, Serialize};
+use facewire_packet::control::{Phase, Progress, Refusal, Take};
 
 use super::observation::{Fit, Hold, Observation, View};
 use super::profile_file::model_hash;
-use super::take::{Refusal, Take, Takes, doubt, learn};
+use super::take::{Takes, doubt, expected, learn};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
@@ -48,42 +48,6 @@ pub struct Calibration {
     /// The poses that were left out, and why. Their coefficients keep general values.
     pub left_out: Vec<(Take, Refusal)>,
     pub refused: u32,
-}
-
-/// How far a calibration is, for the display.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Progress {
-    pub take: Take,
-    /// Takes that are done or left out, and takes in all.
-    pub done: usize,
-    pub of: usize,
-    pub phase: Phase,
-    /// How much of the take is measured, 0 to 1.
-    pub measured: f32,
-    /// How strongly the pose is seen, 1 being enough; 0 in the neutral take.
-    pub seen: f32,
-    pub waits_for: Option<Refusal>,
-    /// Number of refused takes, and why the last one was refused.
-    pub refused: u32,
-    pub last_refusal: Option<Refusal>,
-}
-
-impl Progress {
-    pub fn says_the_same(&self, other: &Self) -> bool {
-        let key = |of: &Self| (of.take, of.phase, of.waits_for, of.refused, of.last_refusal);
-        key(self) == key(other)
-    }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Phase {
-    GetReady,
-    /// The conditions of the take do not hold, or its pose is not seen yet.
-    Wait,
-    Measure,
-    Ended,
 }
 
 #[derive(Debug)]
@@ -218,7 +182,7 @@ impl Guide {
     fn measure(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         self.stage.tried_s += step_s;
         self.stage.tried_frames += 1;
-        self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / take.threshold()).max(0.0) };
+        self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / expected(take).threshold).max(0.0) };
         match view.unfit(take) {
             Some(unfit) => {
                 self.stop_hold(if take == Take::Neutral { unfit } else { Refusal::TooShort });
@@ -240,7 +204,7 @@ impl Guide {
     fn hold(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         let Some(hold) = &mut self.stage.hold else {
             // While a pose fades, the smoothed strength is still high.
-            let is_fading = view.strength_now < take.threshold();
+            let is_fading = view.strength_now < expected(take).threshold;
             self.stage.hold = (!view.is_blink(take) && !is_fading).then(|| Hold::begin(view));
             return;
         };

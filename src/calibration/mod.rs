@@ -8,12 +8,13 @@ mod profile_file;
 mod store;
 mod take;
 
+pub use facewire_packet::control::Take;
 #[cfg(test)]
 pub(crate) use guide::tests as test_wearer;
-pub use guide::{Calibration, Guide, Phase, Progress};
+pub use guide::{Calibration, Guide};
 pub use observation::Observation;
 #[cfg(test)]
 pub(crate) use profile_file::tests::file as test_profile;
 pub use profile_file::{MAX_PROFILE_BYTES, ProfileFile, model_hash};
-pub use store::{KeptProfile, Listed, Store, StoreError, WearerName};
-pub use take::{Refusal, Seen, Take};
+pub use store::{Store, StoreError, WearerName};
+pub use take::Seen;

@@ -3,8 +3,9 @@
 
 use facewire_face::stages::{Coefficients, FaceMean, Features, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral};
+use facewire_packet::control::{Refusal, Take};
 
-use super::take::{LIDS, Refusal, Seen, Take, Takes, mean_of};
+use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
 
 /// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and in the other takes from where
 /// it was in the neutral one.
@@ -84,7 +85,7 @@ impl<'a> View<'a> {
             return Err(Refusal::HeadTurned);
         }
         let coefficients = seen.raw(model, known.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
-        let strength = known.map_or(0.0, |known| take.strength(&coefficients) - take.strength(&known.raw));
+        let strength = known.map_or(0.0, |known| strength(take, &coefficients) - strength(take, &known.raw));
         Ok(Self { seen, coefficients, strength_now: strength, strength })
     }
 
@@ -93,15 +94,15 @@ impl<'a> View<'a> {
         let shows = |names: &[&str], limit: f32| mean_of(names, &self.coefficients) > limit;
         match take {
             Take::Neutral if shows(&LIDS, SHUT) => Some(Refusal::EyesShut),
-            Take::Neutral if shows(Take::Smile.raises(), SMILES) => Some(Refusal::Smiling),
-            Take::Neutral if shows(Take::JawOpen.raises(), OPEN) => Some(Refusal::MouthOpen),
+            Take::Neutral if shows(expected(Take::Smile).raises, SMILES) => Some(Refusal::Smiling),
+            Take::Neutral if shows(expected(Take::JawOpen).raises, OPEN) => Some(Refusal::MouthOpen),
             Take::Neutral => None,
-            _ => (self.strength < take.threshold()).then_some(Refusal::NotSeen),
+            _ => (self.strength < expected(take).threshold).then_some(Refusal::NotSeen),
         }
     }
 
     pub(super) fn is_blink(&self, take: Take) -> bool {
-        mean_of(&LIDS, &self.coefficients) > take.lids()
+        mean_of(&LIDS, &self.coefficients) > expected(take).lids
     }
 }
 

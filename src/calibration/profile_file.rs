@@ -7,7 +7,7 @@ use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neut
 use flate2::Crc;
 use serde::Deserialize;
 
-use super::take::Take;
+use facewire_packet::control::Take;
 
 const FORMAT: i64 = 1;
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;

@@ -10,12 +10,11 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use serde::{Deserialize, Serialize};
+use facewire_packet::control::{KeptProfile, Listed};
 use thiserror::Error;
 
 use super::guide::Calibration;
 use super::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
-use super::take::{Refusal, Take};
 
 /// Where the service manager puts the state of services.
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";
@@ -46,28 +45,6 @@ impl fmt::Display for WearerName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct KeptProfile {
-    pub wearer: String,
-    pub path: String,
-    pub taken: Vec<Take>,
-    pub left_out: Vec<(Take, Refusal)>,
-    pub refused: u32,
-    /// What is not as it should be, although the profile is in place.
-    #[serde(default)]
-    pub warning: Option<String>,
-}
-
-/// A wearer who has a profile.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Listed {
-    pub wearer: String,
-    /// When the profile was made, seconds since 1970, and how many takes it holds; or why it cannot be used.
-    pub profile: Result<(u64, usize), String>,
 }
 
 /// Why a profile cannot be used or kept: one sentence that names the file and the remedy.

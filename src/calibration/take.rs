@@ -5,139 +5,55 @@ use std::collections::BTreeMap;
 
 use facewire_face::stages::{Coefficients, Normalised};
 use facewire_face::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+use facewire_packet::control::{Refusal, Take};
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 
-/// Declares the takes in the order in which the guide asks for them, with what `Take` says of each.
-macro_rules! takes {
-    ($( $take:ident $name:literal: $instruction:literal, $raises:expr,
-        threshold $threshold:literal, lids $lids:expr, typical $typical:expr; )*) => {
-        /// One thing that the wearer is asked to do. Left and right are the wearer's.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-        #[serde(rename_all = "kebab-case")]
-        pub enum Take {
-            $( $take, )*
-        }
+/// What the guide and the profile expect of a take.
+pub(super) struct Expected {
+    /// The coefficients that the pose raises to the end of their range.
+    pub(super) raises: &'static [&'static str],
+    /// By how much the strength must exceed that of the neutral take for the pose to count as seen. The faintest poses of
+    /// people who were asked for them exceed it by more, and faces at rest by less.
+    pub(super) threshold: f32,
+    /// How far the lids may close during the take. A frame in which they are closed further shows a blink. Some poses lower
+    /// the lids, too.
+    pub(super) lids: f32,
+    /// The typical reading of the pose, and the power `p` with which the gain `(typical / reading)^p` is computed.
+    ///
+    /// `fit/poses.py` finds both from rendered people who show 75 to 100 % of the expression. Most people's strong and weak
+    /// poses differ by chance, so that the power is small or 0, except for lids, which are to close.
+    typical: (f32, f32),
+}
 
-        impl Take {
-            pub const ALL: [Self; 11] = [ $( Self::$take, )* ];
-
-            /// The name in files.
-            pub fn name(self) -> &'static str {
-                match self { $( Self::$take => $name, )* }
-            }
-
-            pub fn instruction(self) -> &'static str {
-                match self { $( Self::$take => $instruction, )* }
-            }
-
-            /// The coefficients that the pose raises to the end of their range.
-            pub fn raises(self) -> &'static [&'static str] {
-                match self { $( Self::$take => &$raises, )* }
-            }
-
-            /// By how much the strength must exceed that of the neutral take for the pose to count as seen. The faintest
-            /// poses of people who were asked for them exceed it by more, and faces at rest by less.
-            pub(super) fn threshold(self) -> f32 {
-                match self { $( Self::$take => $threshold, )* }
-            }
-
-            /// How far the lids may close during the take. A frame in which they are closed further shows a blink. Some
-            /// poses lower the lids, too.
-            pub(super) fn lids(self) -> f32 {
-                match self { $( Self::$take => $lids, )* }
-            }
-
-            /// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is
-            /// computed.
-            ///
-            /// `fit/poses.py` finds both from rendered people who show 75 to 100 % of the expression. Most people's strong
-            /// and weak poses differ by chance, so that the power is small or 0, except for lids, which are to close.
-            fn typical(self) -> (f32, f32) {
-                match self { $( Self::$take => $typical, )* }
-            }
-        }
+pub(super) fn expected(take: Take) -> Expected {
+    let (raises, threshold, lids, typical): (&[_], _, _, _) = match take {
+        Take::Neutral => (&[], 0.0, f32::INFINITY, (1.0, 0.0)),
+        Take::EyesShut => (&LIDS, 0.45, f32::INFINITY, (0.82, 1.0)),
+        Take::JawOpen => (&["jawOpen"], 0.3, 0.5, (1.0, 0.0)),
+        Take::BrowsUp => (&["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25, 0.5, (1.0, 0.0)),
+        Take::BrowsDown => (&["browDownLeft", "browDownRight"], 0.25, 0.8, (0.28, 0.25)),
+        Take::Smile => (&["mouthSmileLeft", "mouthSmileRight"], 0.25, 0.8, (1.0, 0.0)),
+        Take::Pucker => (&["mouthPucker"], 0.25, 0.5, (1.0, 0.0)),
+        Take::LookLeft => (&["eyeLookOutLeft", "eyeLookInRight"], 0.3, 0.5, (0.83, 0.25)),
+        Take::LookRight => (&["eyeLookInLeft", "eyeLookOutRight"], 0.3, 0.5, (0.83, 0.25)),
+        Take::LookUp => (&["eyeLookUpLeft", "eyeLookUpRight"], 0.2, 0.5, (0.57, 0.25)),
+        Take::LookDown => (&["eyeLookDownLeft", "eyeLookDownRight"], 0.2, 0.8, (0.56, 0.25)),
     };
+    Expected { raises, threshold, lids, typical }
 }
 
-takes! {
-    Neutral "neutral": "Look into the camera with your face at rest and your mouth closed", [],
-        threshold 0.0, lids f32::INFINITY, typical (1.0, 0.0);
-    EyesShut "eyes-shut": "Shut both eyes, count to three, and open them again", LIDS,
-        threshold 0.45, lids f32::INFINITY, typical (0.82, 1.0);
-    JawOpen "jaw-open": "Open your mouth wide", ["jawOpen"],
-        threshold 0.3, lids 0.5, typical (1.0, 0.0);
-    BrowsUp "brows-up": "Raise your eyebrows", ["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
-        threshold 0.25, lids 0.5, typical (1.0, 0.0);
-    BrowsDown "brows-down": "Draw your eyebrows down, as if in anger", ["browDownLeft", "browDownRight"],
-        threshold 0.25, lids 0.8, typical (0.28, 0.25);
-    Smile "smile": "Smile as widely as you can", ["mouthSmileLeft", "mouthSmileRight"],
-        threshold 0.25, lids 0.8, typical (1.0, 0.0);
-    Pucker "pucker": "Pucker your lips, as if for a kiss", ["mouthPucker"],
-        threshold 0.25, lids 0.5, typical (1.0, 0.0);
-    LookLeft "look-left": "Look to your left with your eyes alone", ["eyeLookOutLeft", "eyeLookInRight"],
-        threshold 0.3, lids 0.5, typical (0.83, 0.25);
-    LookRight "look-right": "Look to your right with your eyes alone", ["eyeLookInLeft", "eyeLookOutRight"],
-        threshold 0.3, lids 0.5, typical (0.83, 0.25);
-    LookUp "look-up": "Look up with your eyes alone", ["eyeLookUpLeft", "eyeLookUpRight"],
-        threshold 0.2, lids 0.5, typical (0.57, 0.25);
-    LookDown "look-down": "Look down with your eyes alone", ["eyeLookDownLeft", "eyeLookDownRight"],
-        threshold 0.2, lids 0.8, typical (0.56, 0.25);
-}
-
-impl Take {
-    /// How strongly the pose is seen: the mean of its coefficients, or, for shut eyes, the lid that is less shut.
-    pub(super) fn strength(self, coefficients: &[f32; COEFFS]) -> f32 {
-        match self {
-            Self::EyesShut => LIDS.iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
-            _ => mean_of(self.raises(), coefficients),
-        }
+/// How strongly a pose is seen: the mean of its coefficients, or, for shut eyes, the lid that is less shut.
+pub(super) fn strength(take: Take, coefficients: &[f32; COEFFS]) -> f32 {
+    match take {
+        Take::EyesShut => LIDS.iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
+        _ => mean_of(expected(take).raises, coefficients),
     }
 }
 
 pub(super) fn mean_of(names: &[&str], coefficients: &[f32; COEFFS]) -> f32 {
     let chosen = BLENDSHAPES.iter().zip(coefficients).filter(|(name, _)| names.contains(name));
     chosen.map(|(_, value)| value).sum::<f32>() / names.len().max(1) as f32
-}
-
-/// Why the guide waits, or refuses a take. Displays as one sentence for the wearer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Error)]
-#[serde(rename_all = "kebab-case")]
-pub enum Refusal {
-    #[error("No picture comes from the camera: check its cable")]
-    NoPicture,
-    #[error("No face is in the picture: sit in front of the camera")]
-    NoFace,
-    #[error("The face is too dark: turn on a light in front of you")]
-    TooDark,
-    /// In a pose: the head is not turned as it was in the neutral take.
-    #[error("The head is turned: face the camera")]
-    HeadTurned,
-    #[error("The head moves: keep it still")]
-    HeadMoves,
-    #[error("The face moves: hold it still")]
-    FaceMoves,
-    /// In the neutral take, or for longer than a blink in another pose.
-    #[error("The eyes are shut or half shut: open them as you usually do")]
-    EyesShut,
-    #[error("The mouth smiles: let your face rest")]
-    Smiling,
-    #[error("The mouth is open: close it")]
-    MouthOpen,
-    #[error("The eyebrows are raised or drawn down: let your face rest")]
-    BrowsMoved,
-    #[error("No such movement is seen: make it stronger")]
-    NotSeen,
-    #[error("The movement ended too early: hold it a little longer")]
-    TooShort,
-}
-
-impl Refusal {
-    pub fn end(self) -> String {
-        format!("no profile was made, and the former one stays. {self}, and try again")
-    }
 }
 
 const GAIN: [f32; 2] = [0.6, 1.6];
@@ -205,10 +121,10 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     }
     for pose in takes.poses.keys().copied() {
         let Some(raw) = takes.raw(model, pose) else { continue };
-        let (typical, power) = pose.typical();
+        let (typical, power) = expected(pose).typical;
         let wearer = profile.gain.iter_mut().zip(&profile.rest).zip(&raw);
         for (name, ((gain, rest), raw)) in BLENDSHAPES.iter().zip(wearer) {
-            if pose.raises().contains(name) && raw - rest > LEAST_MEASURED {
+            if expected(pose).raises.contains(name) && raw - rest > LEAST_MEASURED {
                 *gain = (typical / (raw - rest)).powf(power).clamp(GAIN[0], GAIN[1]);
             }
         }
@@ -238,7 +154,7 @@ const PARTS: [(Take, &[Take], Refusal); 4] = {
 pub(super) fn doubt(model: &Model, takes: &Takes) -> Option<Refusal> {
     let known = takes.neutral.as_ref()?;
     PARTS.into_iter().find_map(|(part, poses, refusal)| {
-        let strength = |raw: &[f32; COEFFS]| mean_of(part.raises(), raw);
+        let strength = |raw: &[f32; COEFFS]| mean_of(expected(part).raises, raw);
         let raw = poses.iter().filter_map(|pose| takes.raw(model, *pose));
         let mut moved: Vec<f32> = raw.map(|raw| strength(&raw) - strength(&known.raw)).collect();
         moved.sort_by(f32::total_cmp);
@@ -252,13 +168,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn takes_stand_in_their_order_and_raise_blendshapes_that_exist_and_each_only_once() {
-        assert!(Take::ALL.is_sorted());
+    fn takes_raise_blendshapes_that_exist_and_each_only_once() {
         let mut raised = Vec::new();
         for take in Take::ALL {
-            assert_eq!(serde_json::to_string(&take).unwrap(), format!("{:?}", take.name()));
-            assert!(take.raises().iter().all(|name| BLENDSHAPES.contains(name) && !raised.contains(name)), "{take:?}");
-            raised.extend(take.raises());
+            assert!(
+                expected(take).raises.iter().all(|name| BLENDSHAPES.contains(name) && !raised.contains(name)),
+                "{take:?}"
+            );
+            raised.extend(expected(take).raises);
         }
     }
 }

@@ -3,24 +3,21 @@
 //! A running service holds the camera, so it is asked first. Without a service the command opens the camera
 //! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
 
-use std::io::{self, BufRead as _, BufReader, ErrorKind, IsTerminal as _, Write as _};
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::io::{self, IsTerminal as _};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use rustix::termios::tcgetwinsize;
 
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
-use crate::calibration::{
-    Calibration, Guide, KeptProfile, Listed, Observation, Phase, Progress, Store, Take, WearerName,
-};
+use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
 use crate::capture::monotonic_us;
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
-use crate::service::{DEFAULT_WEARER, OpenCamera, Reply, Request, control_sockets};
+use crate::service::{DEFAULT_WEARER, OpenCamera};
 use crate::watch::Watch;
+use facewire_packet::control::{Connection, KeptProfile, Listed, Phase, Progress, Reply, Request, Take};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -34,9 +31,6 @@ It takes about 20 seconds: look into the camera, and do what the display asks fo
 because it holds the camera; its settings count then, and not those of --config. Otherwise the camera of the settings is \
 opened. Ctrl-C ends it, and the former profile \
 stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
-
-/// A service that sends no line for this long does not work.
-const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time for which poor light must last before the guide waits for better light.
 const HOLD_US: u64 = 1_000_000;
@@ -77,28 +71,23 @@ impl CalibrateArgs {
 }
 
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
-    match Connection::open()? {
+    match Connection::open().map_err(Failure::failed)? {
         Some(connection) => by_service(connection, &args.request()),
         None => without_service(args),
     }
 }
 
 fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failure> {
-    connection.ask(request)?;
+    connection.ask(request).map_err(Failure::failed)?;
     let mut shown = None;
     loop {
-        match connection.reply()? {
+        match connection.reply().map_err(Failure::failed)? {
             Reply::Progress(progress) => show(&progress, &mut shown)?,
             Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
             Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
-            Reply::Frame(_)
-            | Reply::Lost(_)
-            | Reply::Packet(_)
-            | Reply::Status(_)
-            | Reply::Driving(_)
-            | Reply::Picture(_) => {}
             Reply::Done(sentence) => return print(&format!("{sentence}\n")),
             Reply::Refused(sentence) => return Err(Failure::failed(sentence)),
+            _ => {}
         }
     }
 }
@@ -148,52 +137,6 @@ fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
     };
     let none = if wearers.is_empty() { "  none: `facewire calibrate --wearer NAME` makes one\n" } else { "" };
     format!("profiles in {folder}, * in use:\n{}{none}", wearers.iter().map(line).collect::<String>())
-}
-
-pub struct Connection {
-    path: PathBuf,
-    stream: BufReader<UnixStream>,
-}
-
-impl Connection {
-    /// Connects to the service that runs on this machine. `None` if there is none.
-    pub fn open() -> Result<Option<Self>, Failure> {
-        for path in control_sockets() {
-            match UnixStream::connect(&path) {
-                Ok(stream) => {
-                    let timeouts = stream.set_read_timeout(Some(PATIENCE));
-                    timeouts.and_then(|()| stream.set_write_timeout(Some(PATIENCE))).map_err(|e| lost(&path, &e))?;
-                    return Ok(Some(Self { path, stream: BufReader::new(stream) }));
-                }
-                Err(error) if error.kind() == ErrorKind::PermissionDenied => {
-                    let why = format!("the service at {} belongs to another user: try again with sudo", path.display());
-                    return Err(Failure::failed(why));
-                }
-                Err(_) => {}
-            }
-        }
-        Ok(None)
-    }
-
-    pub fn ask(&mut self, request: &Request) -> Result<(), Failure> {
-        let line = serde_json::to_string(request).map_err(|error| Failure::failed(error.to_string()))?;
-        writeln!(self.stream.get_mut(), "{line}").map_err(|error| lost(&self.path, &error))
-    }
-
-    pub fn reply(&mut self) -> Result<Reply, Failure> {
-        let mut line = String::new();
-        let count = self.stream.read_line(&mut line).map_err(|error| lost(&self.path, &error))?;
-        if count == 0 {
-            return Err(lost(&self.path, &ErrorKind::ConnectionReset.into()));
-        }
-        let other = |_| format!("the service at {} is of another version: restart it", self.path.display());
-        serde_json::from_str(&line).map_err(|error| Failure::failed(other(error)))
-    }
-}
-
-fn lost(path: &Path, error: &io::Error) -> Failure {
-    let path = path.display();
-    Failure::failed(format!("the service at {path} does not answer ({error}): see its log, and try again"))
 }
 
 fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
@@ -252,7 +195,7 @@ fn show(progress: &Progress, last: &mut Option<Progress>) -> Result<(), Failure>
 
 fn lines(progress: &Progress) -> [String; 3] {
     let Progress { take, done, of, phase, measured, seen, .. } = progress;
-    let task = format!("[{:2}/{of}] {}", (done + 1).min(*of), take.instruction());
+    let task = format!("[{:2}/{of}] {take}", (done + 1).min(*of));
     let measured = format!("        measured {}", bar(*measured));
     let bars = if *take == Take::Neutral { measured } else { format!("{measured}  seen {}", bar(*seen)) };
     let refused = progress.last_refusal.map(|why| format!("   (refused {}: {why})", progress.refused));

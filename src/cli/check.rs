@@ -6,7 +6,7 @@ use facewire_face::{Camera, Landmarks, Tracker};
 
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
-use crate::calibration::{Store, Take, WearerName};
+use crate::calibration::{Store, WearerName};
 use crate::capture::{Clip, Frame, Source as _, monotonic_us};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::link::{Link, notes};
@@ -14,6 +14,7 @@ use crate::pipeline::{load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::Watch;
 use facewire_board::{self as board, Flags, ImpairmentSet, Machine, Sensors};
+use facewire_packet::control::Take;
 
 pub const EXAMPLES: &str = "\
 Examples:

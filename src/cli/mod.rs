@@ -15,12 +15,12 @@ use std::sync::Arc;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
-pub use self::calibrate::Connection;
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
 use crate::config::{self, Faults, Settings};
 use crate::link::check_settings;
-use crate::service::{self, control_sockets};
+use crate::service;
 use facewire_board::{self as board, Machine};
+use facewire_packet::control::sockets;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -119,7 +119,7 @@ pub struct SettingsArgs {
 impl SettingsArgs {
     pub fn load(&self) -> Result<Settings, Faults> {
         let detected = Machine::detect(&board::root()).name;
-        let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &control_sockets(), faults);
+        let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &sockets(), faults);
         config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }
 }

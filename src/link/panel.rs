@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::config::{LinkKind, LinkSettings};
-use facewire_servo::{Dials, Operator};
+use facewire_packet::control::{ChannelStatus, LinkStatus};
+use facewire_servo::{Dial, Dials, Number, Operator};
 
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]
@@ -58,6 +59,24 @@ impl Panel {
         Some(format!(
             "the network takes no packets ({reason}); check this machine's cable or Wi-Fi, the address, and {remedy}"
         ))
+    }
+
+    /// What programs at the control socket are told of the link.
+    pub fn status(&self) -> LinkStatus {
+        let kind = self.kind.name();
+        let channel = |dial: &Dial| {
+            let [target, position, pulse_us] = [&dial.target, &dial.position, &dial.pulse_us].map(Number::get);
+            ChannelStatus { number: dial.number, target, position, pulse_us }
+        };
+        LinkStatus {
+            name: format!("{kind} {}", self.receiver),
+            kind: kind.to_owned(),
+            open: self.is_open.load(Relaxed),
+            sent: self.sent.load(Relaxed),
+            dropped: self.dropped.load(Relaxed),
+            trouble: self.trouble(),
+            channels: self.dials.channels.iter().map(channel).collect(),
+        }
     }
 
     /// The last trouble since the device was opened, or since the host was found.

@@ -2,41 +2,45 @@
 //! and read the state and the metrics while the service runs.
 //!
 //! It has two doors: a Unix socket in the runtime directory, for the service's user and root alone or for a group as well,
-//! and the address of the metrics. One calibration and one recording run at a time, and a client that closes its connection ends its own. No
-//! client can hold up the thread: connections do not block, and their number, the length of a request and the time until
-//! it has come are limited.
+//! and the address of the metrics. Each client has a [`Task`]. One calibration and one recording run at a time, one client
+//! drives, and a client that closes its connection ends its own. Nothing can hold up the thread: connections do not block,
+//! their number, the length of a request and the time until it has come are limited, and the loader's thread waits for
+//! disks.
 
-pub(super) mod client;
+mod client;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
 use std::fs::{DirBuilder, Permissions, metadata, set_permissions};
 use std::io::{self, ErrorKind, PipeReader, PipeWriter, pipe};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use facewire_packet::control::{Drive, PictureHead, Progress, Refusal, Reply, Request, Status};
 use facewire_packet::{BLENDSHAPES, Packet, Pose, Reason};
 use nalgebra::{UnitQuaternion, Vector3};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use triple_buffer::Input;
 
-use self::client::{Client, Drive, LinkStatus, PictureHead, Reply, Request, Role, Speaks, Status};
+use self::client::{Client, MAX_DRIVE_LINE, MAX_LINE, Speaks};
 use super::counters::Counters;
 use super::hot::HotChange;
-use super::metrics;
+use super::metrics::{self, MAX_REQUEST_BYTES};
 use super::observer::Observed;
-use super::picture::{self, Asker, Snapshot};
+use super::picture::{Asker, Snapshot};
 use super::reload::Mailbox;
-use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_hash};
+use super::{DISK_PATIENCE, Loader};
+use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
 use crate::capture::monotonic_us;
-use crate::config::{ConsoleSettings, Listen, Settings, WearerSettings};
+use crate::config::{ConsoleSettings, Listen, Settings, SolverSettings, WearerSettings};
 use crate::listener::Listener;
 use crate::pipeline::{is_same_profile, load_model, load_profile};
 use crate::recording::Recorded;
@@ -45,13 +49,10 @@ use facewire_face::{Landmarks, Profile};
 /// Number of clients at a time at each door. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 16;
 /// How many of them may watch or wait, so that one who releases servos finds a free place.
-const MAX_STAYING: usize = 8;
+const MAX_WAITING: usize = 8;
 /// Time between two looks at what clients ask and the hot loop shows, and without clients at new settings.
 const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
-/// Time in which a client must ask, and in which it must take the answer.
-const ASK_PATIENCE: Duration = Duration::from_secs(2);
-const HTTP_PATIENCE: Duration = Duration::from_millis(500);
 /// Time in which a client that calibrates, records or watches must take what it was sent.
 const STREAM_PATIENCE: Duration = Duration::from_secs(10);
 /// Delay before the next attempt after listening or accepting a client has failed.
@@ -72,6 +73,8 @@ const SHARED_FOLDER: u32 = 0o710;
 /// The size of a picture for which memory is taken at first.
 const USUAL_SIZE: [usize; 2] = [640, 480];
 const STACK_BYTES: usize = 512 << 10;
+const MODEL_CHANGED: &str =
+    "no profile was made, and the former one stays. The blendshape model has changed: try again";
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
 
@@ -133,7 +136,8 @@ impl Door {
 
 /// What leads to and from the other threads.
 pub(super) struct Peers {
-    pub(super) changes: mpsc::Receiver<Settings>,
+    /// New settings, and the hash of the model if it was read again.
+    pub(super) changes: Receiver<(Settings, Option<u32>)>,
     pub(super) observed: Observed<Observation>,
     pub(super) recorded: Observed<Recorded>,
     pub(super) watched: Observed<Packet>,
@@ -141,10 +145,31 @@ pub(super) struct Peers {
     /// Wakes the sender, which obeys the [`Operator`](facewire_servo::Operator) and shows the puppet.
     pub(super) sender: Thread,
     pub(super) puppet: Input<Option<Pose>>,
-    pub(super) pictures: picture::Asker,
+    pub(super) pictures: Asker,
     /// Takes those who ask for a reload.
     pub(super) reload: mpsc::Sender<mpsc::Sender<Reply>>,
+    pub(super) loader: Loader,
     pub(super) counters: Arc<Counters>,
+}
+
+/// A reply, and bytes that follow it.
+type Answer = (Reply, Vec<u8>);
+
+/// What a client is there for.
+#[derive(Default)]
+enum Task {
+    /// To ask: its request is heard.
+    #[default]
+    Ask,
+    /// To take the answer, after which the connection is closed.
+    Leave,
+    Watch,
+    /// To send one line after another.
+    Drive,
+    Record(Recording),
+    Calibrate(WearerName, Stage),
+    /// To wait for an answer.
+    Wait(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
 pub(super) struct Server {
@@ -153,14 +178,9 @@ pub(super) struct Server {
     config: Option<String>,
     peers: Peers,
     stop_signal: PipeReader,
-    clients: Vec<Client>,
-    calibrating: Option<Calibrating>,
-    recording: Option<Recording>,
-    /// When watchers were shown a packet last; `None` without watchers.
-    watched_at: Option<Instant>,
-    driver: Option<Client>,
-    /// How many clients watch or wait.
-    staying: usize,
+    clients: VecDeque<(Client, Task)>,
+    /// When watchers were shown a packet last.
+    shown_at: Option<Instant>,
 }
 
 impl Server {
@@ -178,21 +198,7 @@ impl Server {
         let (stop_signal, stop) = pipe()?;
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
-        let (clients, calibrating, recording, watched_at, driver) = (Vec::new(), None, None, None, None);
-        let server = Self {
-            doors,
-            settings,
-            config,
-            peers,
-            stop_signal,
-            clients,
-            calibrating,
-            recording,
-            watched_at,
-            driver,
-            staying: 0,
-        };
-        Ok((server, stop))
+        Ok((Self { doors, settings, config, peers, stop_signal, clients: VecDeque::new(), shown_at: None }, stop))
     }
 
     pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
@@ -204,31 +210,29 @@ impl Server {
         while self.wait() {
             self.adopt();
             self.serve();
-            self.calibrate();
-            self.record();
-            self.drive();
         }
-        self.peers.observed.ask(false);
-        self.peers.recorded.ask(false);
-        self.peers.watched.ask(false);
+        for (_, task) in self.clients.drain(..) {
+            if let Task::Calibrate(_, Stage::Keep(kept)) = task {
+                let _ = kept.recv_timeout(DISK_PATIENCE);
+            }
+        }
+        self.ask_for_frames();
     }
 
     fn wait(&mut self) -> bool {
         self.doors.iter_mut().for_each(Door::open);
-        let inside = |speaks| self.clients.iter().filter(|client| client.speaks == speaks).count();
+        let inside = |speaks| self.clients.iter().filter(|(client, _)| client.speaks == speaks).count();
         let admits = |door: &&mut Door| inside(door.speaks) < MAX_CLIENTS && !door.rests();
         let doors: Vec<_> = self.doors.iter_mut().filter(admits).collect();
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
         polled.extend(doors.iter().filter_map(|door| Some(PollFd::new(door.listener.as_ref()?, PollFlags::IN))));
-        let is_idle =
-            self.clients.is_empty() && self.calibrating.is_none() && self.recording.is_none() && self.driver.is_none();
-        if let Err(error) = poll(&mut polled, Some(if is_idle { &LOOK_IDLE } else { &LOOK_BUSY })) {
+        if let Err(error) = poll(&mut polled, Some(if self.clients.is_empty() { &LOOK_IDLE } else { &LOOK_BUSY })) {
             return error == Errno::INTR;
         }
         let goes_on = polled.first().is_some_and(|stop| stop.revents().is_empty());
         for door in doors {
             match door.listener.as_ref().map(Listener::accept) {
-                Some(Ok(stream)) => self.clients.push(Client::new(stream.into(), door.speaks)),
+                Some(Ok(stream)) => self.clients.push_back((Client::new(stream.into(), door.speaks), Task::Ask)),
                 Some(Err(error)) if error.kind() != ErrorKind::WouldBlock => {
                     // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from
                     // spinning.
@@ -241,7 +245,7 @@ impl Server {
     }
 
     fn adopt(&mut self) {
-        while let Ok(settings) = self.peers.changes.try_recv() {
+        while let Ok((settings, model)) = self.peers.changes.try_recv() {
             if !is_same_profile(&settings.wearer, &self.settings.wearer) {
                 self.peers.counters.set_wearer(WearerName::new(&settings.wearer.name));
             }
@@ -253,203 +257,219 @@ impl Server {
                 tell_console(&settings.console);
             }
             self.settings = settings;
-            if let Some(calibrating) = &self.calibrating
-                && let Ok(model) = load_model(&self.settings.solver)
-                && model_hash(&model) != calibrating.guide.calibration.model
-            {
-                // A profile of takes that two models have read would fit neither.
-                let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
-                self.end(Reply::Refused(why.to_owned()));
+            for (_, task) in &mut self.clients {
+                match task {
+                    Task::Calibrate(_, stage @ Stage::Load(_)) => {
+                        *stage = Stage::load(&self.peers.loader, &self.settings.solver);
+                    }
+                    // A profile of takes that two models have read would fit neither.
+                    Task::Calibrate(_, stage) if matches!(&*stage, Stage::Guide(guiding) if guiding.reads_otherwise(model)) =>
+                    {
+                        *stage = Stage::End(Reply::Refused(MODEL_CHANGED.to_owned()));
+                    }
+                    _ => {}
+                }
             }
         }
     }
 
+    /// Does what is to be done for each client now.
     fn serve(&mut self) {
-        let packet = self.watched_packet();
-        for mut client in std::mem::take(&mut self.clients) {
-            if matches!(client.role, Role::Asks) {
-                self.hear(client);
-                continue;
-            }
-            if client.has_gone(STREAM_PATIENCE) || client.flush().is_err() {
-                continue;
-            }
-            if let Role::Awaits(answer) = &mut client.role {
-                match answer() {
-                    Some((reply, bytes)) => {
-                        self.send(client, |client| client.send(&reply).and_then(|()| client.send_bytes(&bytes)));
-                    }
-                    None => self.clients.push(client),
-                }
-                continue;
-            }
-            let packet = packet.as_ref().filter(|_| !client.is_behind());
-            if packet.is_none_or(|packet| client.send(packet).is_ok()) {
-                self.clients.push(client);
+        let packet = self.packet_to_show();
+        for _ in 0..self.clients.len() {
+            // The others are seen by those who ask whether something goes on.
+            let Some((mut client, mut task)) = self.clients.pop_front() else { break };
+            let stepped = self.step(&mut client, &mut task, packet.as_ref());
+            if stepped.is_err() || (matches!(task, Task::Leave) && !client.is_behind()) {
+                self.end(&task);
+            } else {
+                self.clients.push_back((client, task));
             }
         }
-        self.staying = self.clients.iter().filter(|client| !matches!(client.role, Role::Asks)).count();
-        if self.watched_at.is_some() && !self.clients.iter().any(|client| matches!(client.role, Role::Watches)) {
-            self.peers.watched.ask(false);
-            self.watched_at = None;
-        }
+        self.ask_for_frames();
     }
 
     /// Returns what watchers are to be shown now, if it is time for a packet and there is a new one.
-    fn watched_packet(&mut self) -> Option<Reply> {
-        let watched_at = self.watched_at.as_mut().filter(|at| at.elapsed() >= WATCH_PERIOD)?;
+    fn packet_to_show(&mut self) -> Option<Reply> {
+        if self.shown_at.is_some_and(|at| at.elapsed() < WATCH_PERIOD) {
+            return None;
+        }
         let packet = self.peers.watched.newest()?;
-        *watched_at = Instant::now();
+        self.shown_at = Some(Instant::now());
         Some(Reply::Packet(BASE64_STANDARD.encode(packet.encode())))
     }
 
-    fn hear(&mut self, mut client: Client) {
-        let patience = if client.speaks == Speaks::Http { HTTP_PATIENCE } else { ASK_PATIENCE };
-        if client.has_waited(patience) {
-            return;
+    /// Asks the hot loop and the sender for what present clients need.
+    fn ask_for_frames(&mut self) {
+        self.peers.observed.ask(self.is_any(|task| matches!(task, Task::Calibrate(_, Stage::Guide(_)))));
+        self.peers.recorded.ask(self.is_any(|task| matches!(task, Task::Record(_))));
+        self.peers.watched.ask(self.is_any(|task| matches!(task, Task::Watch)));
+    }
+
+    fn is_any(&self, does: fn(&Task) -> bool) -> bool {
+        self.clients.iter().any(|(_, task)| does(task))
+    }
+
+    /// Fails if the connection is to be closed.
+    fn step(&mut self, client: &mut Client, task: &mut Task, packet: Option<&Reply>) -> io::Result<()> {
+        client.flush()?;
+        let answer = match task {
+            Task::Ask | Task::Leave if client.has_waited(client.patience()) => return Err(ErrorKind::TimedOut.into()),
+            Task::Ask => {
+                *task = self.hear(client)?;
+                None
+            }
+            Task::Leave => None,
+            Task::Drive => self.drive(client)?.map(|refusal| (refusal, Vec::new())),
+            _ if client.has_gone(STREAM_PATIENCE) => return Err(ErrorKind::ConnectionReset.into()),
+            Task::Watch => {
+                packet.filter(|_| !client.is_behind()).map_or(Ok(()), |packet| client.send(packet))?;
+                None
+            }
+            Task::Record(recording) => {
+                let is_camera_open = self.peers.counters.camera_open.load(Relaxed);
+                recording.step(client, &mut self.peers.recorded, is_camera_open, monotonic_us())?;
+                None
+            }
+            Task::Calibrate(name, stage) => self.calibrate(client, name, stage)?.map(|reply| (reply, Vec::new())),
+            Task::Wait(answer) => answer(),
+        };
+        if let Some((reply, bytes)) = answer {
+            self.end(&std::mem::replace(task, Task::Leave));
+            client.send(&reply)?;
+            client.send_bytes(&bytes)?;
         }
-        if client.is_behind() {
-            return self.send(client, Client::flush);
+        Ok(())
+    }
+
+    fn end(&self, task: &Task) {
+        match task {
+            Task::Drive => {
+                self.drive_until(0);
+                tracing::info!("driving has ended");
+            }
+            Task::Record(recording) => tracing::info!("recording ended, {} frames lost", recording.lost),
+            Task::Calibrate(name, _) => tracing::info!("calibration of wearer {name} has ended"),
+            _ => {}
         }
-        let Ok(has_ended) = client.receive() else { return };
+    }
+
+    fn hear(&mut self, client: &mut Client) -> io::Result<Task> {
         match client.speaks {
-            Speaks::Http => match metrics::answer(&client.input, has_ended, &self.peers.counters) {
-                Some(page) => self.send(client, |client| client.send_bytes(page.as_bytes())),
-                None => self.clients.push(client),
-            },
-            Speaks::Requests => match client.request() {
-                Some(Ok(request)) => self.answer(client, request),
-                Some(Err(refusal)) => self.send(client, |client| client.send(&Reply::Refused(refusal))),
-                None if has_ended => {}
-                None => self.clients.push(client),
-            },
+            Speaks::Http => {
+                let has_ended = client.receive(MAX_REQUEST_BYTES)?;
+                match metrics::answer(&client.input, has_ended, &self.peers.counters) {
+                    Some(page) => client.send_bytes(page.as_bytes()).map(|()| Task::Leave),
+                    None => Ok(Task::Ask),
+                }
+            }
+            Speaks::Requests => {
+                let has_ended = client.receive(MAX_LINE)?;
+                let answered = match client.request(MAX_LINE) {
+                    Some(request) => request.and_then(|request| self.answer(request).map_err(|why| why.to_string())),
+                    None if has_ended => return Err(ErrorKind::UnexpectedEof.into()),
+                    None => return Ok(Task::Ask),
+                };
+                let (reply, task) = answered.unwrap_or_else(|refusal| (Some(Reply::Refused(refusal)), Task::Leave));
+                reply.map_or(Ok(()), |reply| client.send(&reply))?;
+                Ok(task)
+            }
         }
     }
 
-    /// Sends the answer, after which the connection is closed.
-    fn send(&mut self, mut client: Client, send: impl FnOnce(&mut Client) -> io::Result<()>) {
-        client.role = Role::Asks;
-        if send(&mut client).is_ok() && client.is_behind() {
-            self.clients.push(client);
-        }
-    }
-
-    fn answer(&mut self, mut client: Client, request: Request) {
-        let outcome = match request {
-            Request::Calibrate { wearer } => match self.prepare(wearer.as_deref()) {
-                Ok((name, guide)) => {
-                    tracing::info!("calibration of wearer {name} begins");
-                    self.peers.observed.ask(true);
-                    self.calibrating = Some(Calibrating::new(client, name, guide, monotonic_us()));
-                    return;
-                }
-                Err(refusal) => Err(refusal),
-            },
-            Request::Record {} if self.recording.is_none() => {
-                tracing::info!("recording begins");
-                self.peers.recorded.ask(true);
-                self.recording = Some(Recording::new(client, monotonic_us()));
-                return;
-            }
-            Request::Record {} => Err("another recording is in progress: try again when it has ended".into()),
-            Request::Use { wearer: Some(name) } => self.set_wearer(&name),
-            Request::Use { wearer: None } => {
-                self.hand_over(Profile::default(), None);
-                Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
-            }
-            Request::Delete { wearer } => self.delete(&wearer),
-            Request::List {} => self.list(),
-            Request::Watch {} | Request::Picture {} | Request::Reload {} if self.staying >= MAX_STAYING => {
-                Err("too many clients watch or wait: close one, or try again later".into())
-            }
-            Request::Watch {} => {
-                if self.watched_at.is_none() {
-                    self.peers.watched.ask(true);
-                    self.watched_at = Some(Instant::now());
-                }
-                return self.stay(client, Role::Watches);
-            }
-            Request::Status {} => Ok(Reply::Status(Box::new(self.status()))),
-            Request::Release { on } => {
-                let role = self.release(on);
-                return self.stay(client, role);
-            }
-            Request::Drive {} if self.driver.is_some() => {
-                Err("somebody else drives: try again when they have ended".into())
+    /// Returns what the client is told at once, and what it is there for from now on.
+    fn answer(&mut self, request: Request) -> Outcome<(Option<Reply>, Task)> {
+        let is_waiting = |(_, task): &&(Client, Task)| matches!(task, Task::Watch | Task::Wait(_));
+        let is_full = self.clients.iter().filter(is_waiting).count() >= MAX_WAITING;
+        let task = match request {
+            Request::Status {} => return Ok((Some(Reply::Status(Box::new(self.status()))), Task::Leave)),
+            Request::Release { on } => self.release(on),
+            Request::Drive {} if self.is_any(|task| matches!(task, Task::Drive)) => {
+                return Err("somebody else drives: try again when they have ended".into());
             }
             Request::Drive {} => {
                 tracing::info!("driving begins");
                 // Nobody is moved by what was wanted last time.
                 self.set_driven(None, None);
-                client.role = Role::Drives;
-                if client.send(&Reply::Driving(true)).is_ok() {
-                    self.driver = Some(client);
-                }
-                return;
+                return Ok((Some(Reply::Driving(true)), Task::Drive));
             }
+            Request::Record {} if self.is_any(|task| matches!(task, Task::Record(_))) => {
+                return Err("another recording is in progress: try again when it has ended".into());
+            }
+            Request::Record {} => {
+                tracing::info!("recording begins");
+                Task::Record(Recording::new(monotonic_us()))
+            }
+            Request::Calibrate { .. } if self.is_any(|task| matches!(task, Task::Calibrate(..))) => {
+                return Err("another calibration is in progress: try again when it has ended".into());
+            }
+            Request::Calibrate { wearer } => self.begin_calibration(wearer.as_deref())?,
+            _ if is_full => return Err("too many clients watch or wait: close one, or try again later".into()),
+            Request::Use { wearer: Some(name) } => self.set_wearer(named(&name)?),
+            Request::Use { wearer: None } => {
+                let in_use = self.in_use();
+                self.begin(move || {
+                    in_use.set(Profile::default(), None);
+                    Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
+                })
+            }
+            Request::Delete { wearer } => self.delete(named(&wearer)?),
+            Request::List {} => self.list(),
+            Request::Watch {} => Task::Watch,
             Request::Picture {} if !self.settings.console.picture => {
-                Err("the camera's picture stays in the service unless the settings have picture = true in [console]"
-                    .into())
+                let why =
+                    "the camera's picture stays in the service unless the settings have picture = true in [console]";
+                return Err(why.into());
             }
-            Request::Picture {} => match picture_of(self.peers.pictures.clone(), USUAL_SIZE) {
-                Some(role) => return self.stay(client, role),
-                None => Err("too many pictures are asked for: try again when the camera shows some".into()),
-            },
+            Request::Picture {} => picture_of(self.peers.pictures.clone(), USUAL_SIZE)
+                .ok_or("too many pictures are asked for: try again when the camera shows some")?,
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
-                // If the supervisor has ended, the service stops and closes the connection.
                 let _ = self.peers.reload.send(asker);
-                let answer = move || Some((answer.try_recv().ok()?, Vec::new()));
-                return self.stay(client, Role::Awaits(Box::new(answer)));
+                wait_for(answer)
             }
         };
-        let reply = outcome.unwrap_or_else(|refusal| Reply::Refused(refusal.to_string()));
-        self.send(client, |client| client.send(&reply));
+        Ok((None, task))
     }
 
-    fn stay(&mut self, mut client: Client, role: Role) {
-        client.role = role;
-        self.staying += 1;
-        self.clients.push(client);
+    /// Begins work that needs the disk, on the loader's thread. The client waits for its outcome.
+    fn begin(&self, work: impl FnOnce() -> Outcome<Reply> + Send + 'static) -> Task {
+        wait_for(self.peers.loader.begin(|| work().unwrap_or_else(|refusal| Reply::Refused(refusal.to_string()))))
     }
 
     fn store(&self) -> Store {
         Store::new(&self.settings.wearer.folder)
     }
 
-    fn release(&self, on: bool) -> Role {
+    fn in_use(&self) -> InUse {
+        InUse { hot: Arc::clone(&self.peers.hot), counters: Arc::clone(&self.peers.counters) }
+    }
+
+    fn release(&self, on: bool) -> Task {
         let operator = Arc::clone(&self.peers.counters.traffic.operator);
         operator.is_released.store(on, Relaxed);
         self.peers.sender.unpark();
         let done = if on { "servos get no pulses" } else { "servos follow the face again" };
         tracing::info!("{done}, as an operator wants it");
-        Role::Awaits(Box::new(move || {
+        Task::Wait(Box::new(move || {
             let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
             is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
         }))
     }
 
-    /// Does what the driver's lines say, until one is bad or none comes any more.
-    fn drive(&mut self) {
-        let Some(mut driver) = self.driver.take() else { return };
-        let (has_ended, mut obeyed) = (driver.receive(), Ok(()));
-        while let (Ok(()), Some(line)) = (&obeyed, driver.request()) {
-            obeyed = line.and_then(|drive| self.turn(drive));
-        }
-        let why = match (obeyed, has_ended) {
-            (Err(why), _) => Some(why),
-            (Ok(()), Ok(false)) if driver.has_waited(DRIVE_PATIENCE) => Some("no line has come for 400 ms".to_owned()),
-            (Ok(()), Ok(false)) if driver.flush().is_ok() => {
-                self.driver = Some(driver);
-                return;
+    /// Does what the driver's lines say. Returns why it may not drive any more if one is bad or none comes.
+    fn drive(&mut self, driver: &mut Client) -> io::Result<Option<Reply>> {
+        let has_ended = driver.receive(MAX_DRIVE_LINE)?;
+        while let Some(line) = driver.request(MAX_DRIVE_LINE) {
+            if let Err(why) = line.and_then(|drive| self.turn(drive)) {
+                return Ok(Some(Reply::Refused(why)));
             }
-            _ => None,
-        };
-        self.drive_until(0);
-        tracing::info!("driving has ended{}", why.as_ref().map_or_else(String::new, |why| format!(": {why}")));
-        if let Some(why) = why {
-            self.send(driver, |driver| driver.send(&Reply::Refused(why)));
         }
+        if has_ended {
+            return Err(ErrorKind::UnexpectedEof.into());
+        }
+        let is_silent = driver.has_waited(DRIVE_PATIENCE);
+        Ok(is_silent.then(|| Reply::Refused("no line has come for 400 ms".to_owned())))
     }
 
     /// Gives the links what one who drives wants, for as long as one who drives may be silent.
@@ -495,118 +515,141 @@ impl Server {
             released: operator.is_released.load(Relaxed),
             driven: operator.is_driven.load(Relaxed),
             picture: self.settings.console.picture,
-            links: counters.panels().iter().map(|panel| LinkStatus::of(panel)).collect(),
+            links: counters.panels().iter().map(|panel| panel.status()).collect(),
         }
     }
 
-    fn delete(&mut self, name: &str) -> Outcome<Reply> {
-        let name = named(name)?;
-        self.store().delete(&name)?;
-        if self.peers.counters.wearer().as_ref() == Some(&name) {
-            self.hand_over(Profile::default(), None);
-        }
-        Ok(Reply::Done(format!("the profile of {name} is deleted")))
+    fn delete(&self, name: WearerName) -> Task {
+        let (in_use, store) = (self.in_use(), self.store());
+        self.begin(move || {
+            store.delete(&name)?;
+            if in_use.counters.wearer().as_ref() == Some(&name) {
+                in_use.set(Profile::default(), None);
+            }
+            Ok(Reply::Done(format!("the profile of {name} is deleted")))
+        })
     }
 
-    fn list(&self) -> Outcome<Reply> {
-        let (store, in_use) = (self.store(), self.peers.counters.wearer().map(|name| name.to_string()));
-        Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
+    fn list(&self) -> Task {
+        let (in_use, store) = (self.peers.counters.wearer().map(|name| name.to_string()), self.store());
+        self.begin(move || {
+            Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
+        })
     }
 
-    fn set_wearer(&mut self, name: &str) -> Outcome<Reply> {
-        let name = named(name)?;
-        let settings = &self.settings;
-        let wearer = WearerSettings { name: name.to_string(), ..settings.wearer.clone() };
-        let (profile, warning) = load_profile(&wearer, &settings.solver)?;
-        let warning = warning.map_or_else(String::new, |warning| format!(". {warning}"));
-        self.hand_over(profile, Some(name.clone()));
-        Ok(Reply::Done(format!(
-            "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
-        )))
+    fn set_wearer(&self, name: WearerName) -> Task {
+        let (in_use, solver) = (self.in_use(), self.settings.solver.clone());
+        let wearer = WearerSettings { name: name.to_string(), ..self.settings.wearer.clone() };
+        self.begin(move || {
+            let (profile, warning) = load_profile(&wearer, &solver)?;
+            let warning = warning.map_or_else(String::new, |warning| format!(". {warning}"));
+            in_use.set(profile, Some(name.clone()));
+            Ok(Reply::Done(format!(
+                "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
+            )))
+        })
     }
 
-    fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
-        tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
-        self.peers.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
-        self.peers.counters.set_wearer(name);
-    }
-
-    /// Loads what a calibration of this wearer, or else of the one in use, needs.
-    fn prepare(&self, wearer: Option<&str>) -> Outcome<(WearerName, Guide)> {
+    /// Begins a calibration of this wearer, or else of the one in use.
+    fn begin_calibration(&self, wearer: Option<&str>) -> Outcome<Task> {
         let in_use = self.peers.counters.wearer();
         let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
-        if self.calibrating.is_some() {
-            return Err("another calibration is in progress: try again when it has ended".into());
-        }
-        Ok((name, Guide::new(load_model(&self.settings.solver)?)))
+        tracing::info!("calibration of wearer {name} begins");
+        Ok(Task::Calibrate(name, Stage::load(&self.peers.loader, &self.settings.solver)))
     }
 
-    fn calibrate(&mut self) {
-        let Some(calibrating) = &mut self.calibrating else { return };
+    /// Goes on with a calibration. Returns what the client is told at its end.
+    fn calibrate(&mut self, client: &mut Client, name: &WearerName, stage: &mut Stage) -> io::Result<Option<Reply>> {
+        let next = match stage {
+            Stage::Load(guide) => come(guide).map(|guide| {
+                let guiding = |guide| Stage::Guide(Box::new(Guiding::new(guide, monotonic_us())));
+                guide.flatten().map(guiding)
+            }),
+            Stage::Guide(guiding) => self.guide(client, guiding)?.map(|outcome| {
+                let keep = |calibration| Stage::Keep(self.keep(name.clone(), calibration));
+                outcome.map(keep).map_err(Refusal::end)
+            }),
+            Stage::Keep(kept) => come(kept).map(|kept| kept.flatten().map(Stage::End)),
+            Stage::End(_) => None,
+        };
+        if let Some(next) = next {
+            *stage = next.unwrap_or_else(|why| Stage::End(Reply::Refused(why)));
+        }
+        let Stage::End(reply) = stage else { return Ok(None) };
+        if let Reply::Refused(why) = reply {
+            tracing::warn!("calibration of wearer {name}: {why}");
+        }
+        Ok(Some(reply.clone()))
+    }
+
+    /// Shows the guide what the hot loop has seen. Returns the guide's outcome.
+    fn guide(
+        &mut self,
+        client: &mut Client,
+        guiding: &mut Guiding,
+    ) -> io::Result<Option<Result<Calibration, Refusal>>> {
         let silent_us = SILENT_US.max(SILENT_FRAMES * self.peers.counters.frame_period_us.load(Relaxed));
-        let told = loop {
+        loop {
             let next = self.peers.observed.take();
-            let told = calibrating.step(next.as_ref(), silent_us, monotonic_us());
-            if next.is_none() || told.is_err() || calibrating.guide.outcome().is_some() {
-                break told;
+            guiding.step(client, next.as_ref(), silent_us, monotonic_us())?;
+            let outcome = guiding.guide.outcome();
+            if next.is_none() || outcome.is_some() {
+                return Ok(outcome);
             }
-        };
-        let Some(outcome) = calibrating.guide.outcome() else {
-            if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
-                tracing::info!("calibration of wearer {} cancelled", calibrating.name);
-                self.peers.observed.ask(false);
-                self.calibrating = None;
-            }
-            return;
-        };
-        let name = calibrating.name.clone();
-        let kept = outcome.map_err(|refusal| refusal.end()).and_then(|calibration| {
+        }
+    }
+
+    fn keep(&self, name: WearerName, calibration: Calibration) -> Receiver<Result<Reply, String>> {
+        let (in_use, store) = (self.in_use(), self.store());
+        self.peers.loader.begin(move || {
             let profile = calibration.profile.clone();
-            Ok((profile, self.store().keep(&name, calibration).map_err(|error| error.to_string())?))
-        });
-        let reply = kept.map_or_else(Reply::Refused, |(profile, kept)| {
-            self.hand_over(profile, Some(name));
-            Reply::Calibrated(kept)
-        });
-        self.end(reply);
-    }
-
-    fn end(&mut self, reply: Reply) {
-        self.peers.observed.ask(false);
-        let Some(Calibrating { client, name, .. }) = self.calibrating.take() else { return };
-        if let Reply::Refused(reason) = &reply {
-            tracing::warn!("calibration of wearer {name}: {reason}");
-        }
-        self.send(client, |client| client.send(&reply));
-    }
-
-    fn record(&mut self) {
-        let Some(recording) = &mut self.recording else { return };
-        let is_camera_open = self.peers.counters.camera_open.load(Relaxed);
-        let sent = recording.step(&mut self.peers.recorded, is_camera_open, monotonic_us());
-        if sent.is_err() || recording.client.has_gone(STREAM_PATIENCE) {
-            tracing::info!("recording ended, {} frames lost", recording.lost);
-            self.peers.recorded.ask(false);
-            self.recording = None;
-        }
+            let kept = store.keep(&name, calibration).map_err(|error| error.to_string())?;
+            in_use.set(profile, Some(name));
+            Ok(Reply::Calibrated(kept))
+        })
     }
 }
 
+/// Puts a profile in use, on whatever thread.
+struct InUse {
+    hot: Arc<Mailbox<HotChange>>,
+    counters: Arc<Counters>,
+}
+
+impl InUse {
+    fn set(&self, profile: Profile, name: Option<WearerName>) {
+        tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
+        self.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
+        self.counters.set_wearer(name);
+    }
+}
+
+/// Returns what another thread has done, once it has.
+fn come<T>(outcome: &Receiver<T>) -> Option<Result<T, String>> {
+    match outcome.try_recv() {
+        Err(TryRecvError::Empty) => None,
+        outcome => Some(outcome.map_err(|_| "it came to no end: see the log of the service".to_owned())),
+    }
+}
+
+fn wait_for(reply: Receiver<Reply>) -> Task {
+    Task::Wait(Box::new(move || Some((come(&reply)?.unwrap_or_else(Reply::Refused), Vec::new()))))
+}
+
 /// Waits for a picture, first of at most this size, and then of the size that it has.
-fn picture_of(pictures: Asker, size: [usize; 2]) -> Option<Role> {
+fn picture_of(pictures: Asker, size: [usize; 2]) -> Option<Task> {
     let mut copied = pictures.ask(size)?;
-    Some(Role::Awaits(Box::new(move || {
+    Some(Task::Wait(Box::new(move || {
         let copy = copied.try_recv().ok()?;
         if copy.bytes.is_empty() {
             copied = pictures.ask(copy.size)?;
             return None;
         }
         let points = |landmarks: Landmarks| landmarks.0.iter().map(|[x, y, _]| [*x, *y]).collect();
-        let ([width, height], landmarks) = (copy.size, copy.landmarks.map(points));
-        let (format, bytes) = (copy.format.to_owned(), copy.bytes.len());
-        let Snapshot { full_range, time_us, .. } = copy;
-        let head = PictureHead { format, width, height, full_range, bytes, time_us, landmarks };
-        Some((Reply::Picture(head), copy.bytes))
+        let Snapshot { format, size: [width, height], full_range, time_us, landmarks, bytes, .. } = copy;
+        let (landmarks, count) = (landmarks.map(points), bytes.len());
+        let head = PictureHead { format, width, height, full_range, bytes: count, time_us, landmarks };
+        Some((Reply::Picture(head), bytes))
     })))
 }
 
@@ -638,9 +681,25 @@ fn named(text: &str) -> Result<WearerName, String> {
     WearerName::new(text).ok_or_else(|| format!("no name of a wearer: give {}", WearerName::EXPECTED))
 }
 
-struct Calibrating {
-    client: Client,
-    name: WearerName,
+/// How far a calibration is.
+enum Stage {
+    /// The loader reads the model.
+    Load(Receiver<Result<Guide, String>>),
+    Guide(Box<Guiding>),
+    /// The loader writes the profile.
+    Keep(Receiver<Result<Reply, String>>),
+    /// The client is told this.
+    End(Reply),
+}
+
+impl Stage {
+    fn load(loader: &Loader, solver: &SolverSettings) -> Self {
+        let solver = solver.clone();
+        Self::Load(loader.begin(move || load_model(&solver).map(Guide::new).map_err(|error| error.to_string())))
+    }
+}
+
+struct Guiding {
     guide: Guide,
     /// When the last observation came, or the guide was told that none comes.
     observed_us: u64,
@@ -648,13 +707,24 @@ struct Calibrating {
     told: Option<(Progress, u64)>,
 }
 
-impl Calibrating {
-    fn new(client: Client, name: WearerName, guide: Guide, now_us: u64) -> Self {
-        Self { client, name, guide, observed_us: now_us, told: None }
+impl Guiding {
+    fn new(guide: Guide, now_us: u64) -> Self {
+        Self { guide, observed_us: now_us, told: None }
+    }
+
+    /// Whether a model that was read again is another than that of the guide.
+    fn reads_otherwise(&self, model: Option<u32>) -> bool {
+        model.is_some_and(|model| model != self.guide.calibration.model)
     }
 
     /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.
-    fn step(&mut self, observation: Option<&Observation>, silent_us: u64, now_us: u64) -> io::Result<()> {
+    fn step(
+        &mut self,
+        client: &mut Client,
+        observation: Option<&Observation>,
+        silent_us: u64,
+        now_us: u64,
+    ) -> io::Result<()> {
         match observation {
             Some(observation) => self.guide.update(observation),
             None if now_us.saturating_sub(self.observed_us) > silent_us => {
@@ -667,9 +737,8 @@ impl Calibrating {
         let is_known = self.told.as_ref().is_some_and(|(told, told_us)| {
             now_us.saturating_sub(*told_us) < PROGRESS_US && told.says_the_same(&progress)
         });
-        self.client.flush()?;
-        if !is_known && !self.client.is_behind() {
-            self.client.send(&Reply::Progress(progress.clone()))?;
+        if !is_known && !client.is_behind() {
+            client.send(&Reply::Progress(progress.clone()))?;
             self.told = Some((progress, now_us));
         }
         Ok(())
@@ -677,7 +746,6 @@ impl Calibrating {
 }
 
 struct Recording {
-    client: Client,
     sent_us: u64,
     /// The time of the last entry, when it was made, and whether it was a frame.
     last: Option<(u64, u64, bool)>,
@@ -687,43 +755,48 @@ struct Recording {
 }
 
 impl Recording {
-    fn new(client: Client, now_us: u64) -> Self {
-        Self { client, sent_us: now_us, last: None, refused: 0, lost: 0 }
+    fn new(now_us: u64) -> Self {
+        Self { sent_us: now_us, last: None, refused: 0, lost: 0 }
     }
 
     /// Sends what the new frames show, how many were lost, and once a second that no camera is open.
-    fn step(&mut self, frames: &mut Observed<Recorded>, is_camera_open: bool, now_us: u64) -> io::Result<()> {
-        self.client.flush()?;
+    fn step(
+        &mut self,
+        client: &mut Client,
+        frames: &mut Observed<Recorded>,
+        is_camera_open: bool,
+        now_us: u64,
+    ) -> io::Result<()> {
         while let Some(mut frame) = frames.take() {
             // The entry for a missing camera may be later than the capture of the frame that follows.
             if let Some((last_us, _, false)) = self.last {
                 frame.time_us = frame.time_us.max(last_us + 1);
             }
             self.last = Some((frame.time_us, now_us, true));
-            self.entry(&frame, now_us)?;
+            self.entry(client, &frame, now_us)?;
         }
         let is_quiet = now_us.saturating_sub(self.sent_us) >= QUIET_US;
         if is_quiet && !is_camera_open {
             // In the clock of the frames, so that a replay shows it when it happened.
             let time_us = self.last.map_or(now_us, |(time_us, at_us, _)| time_us + now_us.saturating_sub(at_us));
             self.last = Some((time_us, now_us, false));
-            self.entry(&Recorded::nothing(time_us, Reason::NoCamera), now_us)?;
+            self.entry(client, &Recorded::nothing(time_us, Reason::NoCamera), now_us)?;
         }
         let lost = frames.lost() + self.refused;
-        if (lost != self.lost || (is_quiet && is_camera_open)) && !self.client.is_behind() {
+        if (lost != self.lost || (is_quiet && is_camera_open)) && !client.is_behind() {
             (self.lost, self.sent_us) = (lost, now_us);
-            self.client.send(&Reply::Lost(lost))?;
+            client.send(&Reply::Lost(lost))?;
         }
         Ok(())
     }
 
-    fn entry(&mut self, frame: &Recorded, now_us: u64) -> io::Result<()> {
-        if self.client.is_behind() {
+    fn entry(&mut self, client: &mut Client, frame: &Recorded, now_us: u64) -> io::Result<()> {
+        if client.is_behind() {
             self.refused += 1;
             return Ok(());
         }
         self.sent_us = now_us;
-        self.client.send(&Reply::Frame(BASE64_STANDARD.encode(frame.to_bytes())))
+        client.send(&Reply::Frame(BASE64_STANDARD.encode(frame.to_bytes())))
     }
 }
 

@@ -25,20 +25,18 @@ use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-use facewire_packet::Reason;
+use facewire_packet::{Reason, control::socket};
 use tracing::level_filters::LevelFilter;
 use triple_buffer::triple_buffer;
 
 pub use adaptation::Step;
 pub use camera::OpenCamera;
 pub use control::DEFAULT_WEARER;
-pub use control::client::{Reply, Request, Status, control_sockets};
 pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
-use self::control::client::socket_path;
 use self::control::{Peers, Server};
 use self::counters::{Counters, OPEN_US};
 use self::hot::{Event, HotLoop, Outlets};
@@ -130,9 +128,10 @@ pub fn run(
         puppet,
         reload,
         pictures,
+        loader: loader.clone(),
         counters: shared,
     };
-    let server = Server::new(socket_path(), settings.clone(), config, peers);
+    let server = Server::new(socket(), settings.clone(), config, peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control_thread {

@@ -39,11 +39,12 @@ impl<T> Observer<T> {
 }
 
 impl<T> Observed<T> {
-    /// Starts or stops asking for values. What was published before is discarded.
+    /// Says whether values are wanted. When that changes, what was published before is discarded.
     pub(super) fn ask(&mut self, is_wanted: bool) {
-        self.shared.is_wanted.store(is_wanted, Relaxed);
-        self.ring.try_iter().for_each(drop);
-        self.shared.lost.store(0, Relaxed);
+        if self.shared.is_wanted.swap(is_wanted, Relaxed) != is_wanted {
+            self.ring.try_iter().for_each(drop);
+            self.shared.lost.store(0, Relaxed);
+        }
     }
 
     pub(super) fn take(&mut self) -> Option<T> {

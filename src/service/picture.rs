@@ -7,13 +7,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::capture::Frame;
 use facewire_face::{Landmarks, Picture, Pixels};
+use facewire_packet::control::PictureFormat;
 
 /// Most pictures that wait for the next frame.
 const WAITING: usize = 4;
 
 /// Memory for a picture, and then the picture.
 pub(super) struct Snapshot {
-    pub(super) format: &'static str,
+    pub(super) format: PictureFormat,
     pub(super) size: [usize; 2],
     pub(super) full_range: bool,
     pub(super) time_us: u64,
@@ -38,7 +39,7 @@ impl Asker {
     pub(super) fn ask(&self, [width, height]: [usize; 2]) -> Option<Receiver<Snapshot>> {
         let (back, copied) = sync_channel(1);
         let bytes = Vec::with_capacity(most_bytes(width, height));
-        let (format, size, full_range, time_us, landmarks) = ("", [0; 2], false, 0, None);
+        let (format, size, full_range, time_us, landmarks) = (PictureFormat::Grey, [0; 2], false, 0, None);
         self.1.try_send(Snapshot { format, size, full_range, time_us, landmarks, bytes, back }).ok()?;
         self.0.store(true, Relaxed);
         Some(copied)
@@ -70,7 +71,7 @@ fn most_bytes(width: usize, height: usize) -> usize {
 }
 
 /// Appends the rows of the picture. Returns their format: planar pictures become NV12.
-fn write(picture: &Picture, bytes: &mut Vec<u8>) -> &'static str {
+fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
     let (width, height) = (picture.width, picture.height);
     let [half_width, half_height] = [width, height].map(|side| side.div_ceil(2));
     let mut rows = |plane: &[u8], stride: usize, row_bytes: usize, rows: usize| {
@@ -80,16 +81,16 @@ fn write(picture: &Picture, bytes: &mut Vec<u8>) -> &'static str {
     match picture.pixels {
         Pixels::Yuyv { data, stride } => {
             rows(data, stride, 4 * half_width, height);
-            "yuyv"
+            PictureFormat::Yuyv
         }
         Pixels::Grey { data, stride } => {
             rows(data, stride, width, height);
-            "grey"
+            PictureFormat::Grey
         }
         Pixels::Nv12 { luma, chroma, stride } => {
             rows(luma, stride, width, height);
             rows(chroma, stride, 2 * half_width, half_height);
-            "nv12"
+            PictureFormat::Nv12
         }
         Pixels::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift: [x, y] } => {
             rows(luma, stride, width, height);
@@ -98,7 +99,7 @@ fn write(picture: &Picture, bytes: &mut Vec<u8>) -> &'static str {
                 let places = (0..half_width).map(|column| begin + ((2 * column) >> x));
                 bytes.extend(places.flat_map(|at| [cb, cr].map(|plane| plane.get(at).copied().unwrap_or(128))));
             }
-            "nv12"
+            PictureFormat::Nv12
         }
     }
 }
@@ -118,7 +119,10 @@ mod tests {
         assert_eq!(allocated.count_total, 0);
         let (small, copy) = (small.try_recv().unwrap(), fits.try_recv().unwrap());
         assert_eq!((small.size, small.bytes.len()), ([640, 480], 0), "it tells the size for the next time");
-        assert_eq!((copy.format, copy.bytes.len(), copy.time_us), ("nv12", 640 * 480 * 3 / 2, frame.captured_us));
+        assert_eq!(
+            (copy.format, copy.bytes.len(), copy.time_us),
+            (PictureFormat::Nv12, 640 * 480 * 3 / 2, frame.captured_us)
+        );
         let _waiting: Vec<_> = (0..WAITING).map(|_| asker.ask([6, 4]).unwrap()).collect();
         assert!(asker.ask([6, 4]).is_none());
     }
@@ -129,14 +133,14 @@ mod tests {
         let planes = [&data[..], &data[32..], &data[48..]];
         let planar = |chroma_shift| Pixels::Planar { planes, strides: [4, 4], chroma_shift };
         for (pixels, want) in [
-            (Pixels::Grey { data: &data, stride: 4 }, ("grey", vec![0, 1, 2, 4, 5, 6])),
-            (Pixels::Yuyv { data: &data, stride: 10 }, ("yuyv", (0..8).chain(10..18).collect())),
+            (Pixels::Grey { data: &data, stride: 4 }, (PictureFormat::Grey, vec![0, 1, 2, 4, 5, 6])),
+            (Pixels::Yuyv { data: &data, stride: 10 }, (PictureFormat::Yuyv, (0..8).chain(10..18).collect())),
             (
                 Pixels::Nv12 { luma: &data, chroma: &data[32..], stride: 5 },
-                ("nv12", vec![0, 1, 2, 5, 6, 7, 32, 33, 34, 35]),
+                (PictureFormat::Nv12, vec![0, 1, 2, 5, 6, 7, 32, 33, 34, 35]),
             ),
-            (planar([1, 1]), ("nv12", vec![0, 1, 2, 4, 5, 6, 32, 48, 33, 49])),
-            (planar([0, 0]), ("nv12", vec![0, 1, 2, 4, 5, 6, 32, 48, 34, 50])),
+            (planar([1, 1]), (PictureFormat::Nv12, vec![0, 1, 2, 4, 5, 6, 32, 48, 33, 49])),
+            (planar([0, 0]), (PictureFormat::Nv12, vec![0, 1, 2, 4, 5, 6, 32, 48, 34, 50])),
         ] {
             let (picture, mut bytes) = (Picture::new(3, 2, pixels, true).unwrap(), Vec::new());
             let content = Content::Picture(picture);

@@ -11,12 +11,13 @@ use std::thread::Thread;
 use tracing::level_filters::LevelFilter;
 
 use super::Loader;
-use super::control::client::Reply;
 use super::counters::Counters;
 use super::hot::HotChange;
 use super::sender::Links;
+use crate::calibration::model_hash;
 use crate::config::{Faults, Settings};
 use crate::pipeline::{is_same_profile, load_model, load_profile, load_tracker};
+use facewire_packet::control::Reply;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;
@@ -85,8 +86,8 @@ pub(super) struct Reloader {
     pub(super) set_log_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<Links>,
-    /// The control thread takes the settings from here within a second.
-    pub(super) control: mpsc::Sender<Settings>,
+    /// The control thread takes the settings, and the hash of a model that was read, from here within a second.
+    pub(super) control: mpsc::Sender<(Settings, Option<u32>)>,
     pub(super) counters: Arc<Counters>,
     pub(super) loader: Loader,
     pub(super) preparing: Option<Receiver<Outcome<Change>>>,
@@ -147,11 +148,12 @@ impl Reloader {
         settings.realtime = self.live.realtime.clone();
         (self.set_log_level)(settings.log.level);
         self.live = settings;
+        let model = hot.model.as_ref().map(model_hash);
         self.hot.send(hot);
         self.counters.set_panels(links.panels());
         self.sender.send(links);
         // Without a control socket nobody reads it.
-        let _ = self.control.send(self.live.clone());
+        let _ = self.control.send((self.live.clone(), model));
         done
     }
 }

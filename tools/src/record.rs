@@ -17,10 +17,11 @@ use base64::prelude::BASE64_STANDARD;
 use clap::Args;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use facewire::cli::{Connection, Failure, SettingsArgs, say};
+use facewire::cli::{Failure, SettingsArgs, say};
 use facewire::pipeline::{Pipeline, load_profile};
 use facewire::recording::{Recorded, Writer};
-use facewire::service::{OpenCamera, Reply, Request};
+use facewire::service::OpenCamera;
+use facewire_packet::control::{Connection, Reply, Request};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -69,7 +70,7 @@ pub fn run(args: &RecordArgs) -> Result<(), Failure> {
     if args.file.exists() {
         return Err(Failure::unwritable(&args.file, &ErrorKind::AlreadyExists.into()));
     }
-    match Connection::open()? {
+    match Connection::open().map_err(Failure::failed)? {
         Some(connection) => by_service(connection, args, &stop),
         None => without_service(args, &stop),
     }
@@ -83,7 +84,7 @@ struct Lost {
 }
 
 fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
-    connection.ask(&Request::Record {})?;
+    connection.ask(&Request::Record {}).map_err(Failure::failed)?;
     let ((told, heard), lost) = (mpsc::sync_channel(WAITING_FRAMES), Arc::<Lost>::default());
     let counted = Arc::clone(&lost);
     thread::spawn(move || listen(|| connection.reply(), &told, &counted));
@@ -91,8 +92,7 @@ fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) 
     let outcome = record(args, stop, "the service records", || {
         let text = match heard.recv_timeout(CHECK_PERIOD) {
             Ok(Ok(Reply::Frame(text))) => text,
-            Ok(Ok(Reply::Refused(sentence))) => return Err(Failure::failed(sentence)),
-            Ok(Err(error)) => return Err(error),
+            Ok(Ok(Reply::Refused(sentence)) | Err(sentence)) => return Err(Failure::failed(sentence)),
             Err(RecvTimeoutError::Timeout) => return Ok(None),
             Ok(Ok(_)) | Err(RecvTimeoutError::Disconnected) => return Err(other()),
         };
@@ -109,7 +109,7 @@ fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) 
 
 /// Takes what the service sends: a disk may take seconds for a write, and the service does not wait. Frames for which there
 /// is no more room are counted.
-fn listen(mut reply: impl FnMut() -> Result<Reply, Failure>, told: &SyncSender<Result<Reply, Failure>>, lost: &Lost) {
+fn listen(mut reply: impl FnMut() -> Result<Reply, String>, told: &SyncSender<Result<Reply, String>>, lost: &Lost) {
     loop {
         match reply() {
             Ok(Reply::Lost(count)) => lost.service.store(count, Relaxed),

@@ -158,7 +158,7 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
         }
         "picture" => {
             say(
-                json!({"picture": {"format": "yuyv", "width": 1280, "height": 720, "bytes": 1280 * 720 * 2, "landmarks": null}}),
+                json!({"picture": {"format": "yuyv", "width": 1280, "height": 720, "bytes": 1280 * 720 * 2, "time_us": 5, "landmarks": null}}),
             )?;
             stream.write_all(&[128; 1280 * 720 * 2]).ok()
         }

@@ -37,14 +37,14 @@ fn shows(head_deg: [f32; 3], shown: Shown) -> Sight {
 
 /// The pose of a take, performed to this extent.
 pub(crate) fn pose(take: Take, extent: f32) -> Sight {
-    let shown: Vec<_> = take.raises().iter().map(|name| (*name, extent)).collect();
+    let shown: Vec<_> = expected(take).raises.iter().map(|name| (*name, extent)).collect();
     shows([0.0; 3], &shown)
 }
 
 /// As [`pose`], by a wearer whose neutral face shows another pose, measured from the mean of many people.
 fn pose_of_face_at(rest: Take, take: Take, extent: f32) -> Sight {
     let mut seen = pose(take, extent)?;
-    rest.raises().iter().for_each(|name| seen.residuals[0].0[index(name)] += 0.8);
+    expected(rest).raises.iter().for_each(|name| seen.residuals[0].0[index(name)] += 0.8);
     Ok(seen)
 }
 
@@ -184,9 +184,9 @@ fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeate
     let (outcome, _) = follow(&mut guide, frames_from(0), |take, since_s| {
         neutrals += u32::from(take == Take::Neutral && since_s == 0.0);
         let below = if neutrals == 1 { -0.35 } else { 0.0 };
-        let mut shown: Vec<_> = take.raises().iter().map(|name| (*name, 0.8)).collect();
+        let mut shown: Vec<_> = expected(take).raises.iter().map(|name| (*name, 0.8)).collect();
         if take != Take::Neutral {
-            shown.extend(Take::Smile.raises().iter().map(|name| (*name, below)));
+            shown.extend(expected(Take::Smile).raises.iter().map(|name| (*name, below)));
         }
         shows([0.0; 3], &shown)
     });

@@ -5,15 +5,16 @@ use std::os::unix::net::UnixStream;
 use std::thread;
 
 use facewire_face::{Picture, Pixels};
+use facewire_packet::control::{ChannelStatus, Phase, PictureFormat};
 use facewire_packet::{State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
 use triple_buffer::{Output as Newest, triple_buffer};
 
 use super::super::observer::{self, Observer};
-use super::client::{ChannelStatus, MAX_LINE};
+use super::super::picture;
 use super::*;
 use crate::calibration::test_wearer::{blank_model_file, pose};
-use crate::calibration::{Phase, Refusal, Seen, Take};
+use crate::calibration::{Seen, Take, model_hash};
 use crate::capture::{Content, Frame};
 use crate::config;
 use crate::link::{Panel, test_output};
@@ -28,7 +29,7 @@ struct Rig {
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotChange>,
-    reload: mpsc::Sender<Settings>,
+    reload: mpsc::Sender<(Settings, Option<u32>)>,
     shown: Observer<Packet>,
     reloads: mpsc::Receiver<mpsc::Sender<Reply>>,
     played: Newest<Option<Pose>>,
@@ -50,16 +51,46 @@ impl Rig {
         let path = folder.path().join("run/control");
         let (pictures, copier) = picture::channel();
         let ((puppet, played), sender, counters) = (triple_buffer(&None), thread::current(), Arc::default());
-        let peers =
-            Peers { changes, observed, recorded, watched, hot, sender, puppet, reload: asks, pictures, counters };
+        let (reload_asked, loader) = (asks, Loader::start().unwrap());
+        let peers = Peers {
+            changes,
+            observed,
+            recorded,
+            watched,
+            hot,
+            sender,
+            puppet,
+            reload: reload_asked,
+            pictures,
+            loader,
+            counters,
+        };
         let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
         Self { folder, server, stop, observer, recorder, told, reload, shown, reloads, played, copier }
     }
 
+    /// Asks, and lets the disk do what is asked of it.
     fn ask(&mut self, request: Request) -> Answers {
-        let (client, far) = client();
-        self.server.answer(client, request);
+        let answers = self.begin(request);
+        self.settle();
+        answers
+    }
+
+    fn begin(&mut self, request: Request) -> Answers {
+        let (client, mut far) = client();
+        writeln!(far, "{}", serde_json::to_string(&request).unwrap()).unwrap();
+        self.server.clients.push_back((client, Task::Ask));
+        self.server.serve();
         Answers::of(far)
+    }
+
+    fn settle(&mut self) {
+        self.server.peers.loader.load(|| ()).unwrap();
+        self.server.serve();
+    }
+
+    fn has(&self, does: fn(&Task) -> bool) -> bool {
+        self.server.is_any(does)
     }
 
     fn refused(&mut self, request: Request) -> String {
@@ -71,7 +102,7 @@ impl Rig {
 
     fn show(&mut self, time_us: u64, sight: Result<Seen, Refusal>) {
         self.observer.publish(|| Observation { time_us, sight });
-        self.server.calibrate();
+        self.server.serve();
     }
 
     /// Begins a calibration, and shows it that there is no face.
@@ -85,8 +116,10 @@ impl Rig {
     fn reload(&mut self, change: impl Fn(&mut Settings)) {
         let mut settings = self.server.settings.clone();
         change(&mut settings);
-        self.reload.send(settings).unwrap();
+        let model = model_hash(&load_model(&settings.solver).unwrap());
+        self.reload.send((settings, Some(model))).unwrap();
         self.server.adopt();
+        self.server.serve();
     }
 }
 
@@ -131,27 +164,30 @@ impl Answers {
     }
 }
 
-#[test]
-fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
-    let mut rig = Rig::new();
-    let mut answers = rig.calibrate("anna");
-    let (mut take, mut kept) = (Take::Neutral, None);
+/// Shows the poses that are asked for, until the guide has seen enough.
+fn follow(rig: &mut Rig, answers: &mut Answers) {
+    let mut take = Take::Neutral;
     for time_us in (1..1000).map(|number| number * 200_000) {
-        if kept.is_some() {
-            break;
-        }
         rig.show(time_us, pose(take, 0.8));
         // Progress that changes more than the bars, as each new take does, is sent at once.
         while let Some(reply) = answers.next() {
             match reply {
-                Reply::Progress(Progress { take: wanted, phase, .. }) if phase != Phase::Ended => take = wanted,
-                Reply::Progress(_) => {}
-                Reply::Calibrated(profile) => kept = Some(profile),
+                Reply::Progress(Progress { phase: Phase::Ended, .. }) => return,
+                Reply::Progress(progress) => take = progress.take,
                 reply => panic!("{reply:?}"),
             }
         }
     }
-    let kept = kept.unwrap();
+}
+
+#[test]
+fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
+    let mut rig = Rig::new();
+    let mut answers = rig.calibrate("anna");
+    follow(&mut rig, &mut answers);
+    rig.server.serve();
+    rig.settle();
+    let Some(Reply::Calibrated(kept)) = answers.next() else { panic!("no profile") };
     assert_eq!((kept.wearer.as_str(), kept.taken.len()), ("anna", Take::ALL.len()), "{kept:?}");
     let profile = rig.told.recv().unwrap().profile.unwrap();
     assert!(profile.neutral.is_some() && fs::read_to_string(&kept.path).unwrap().contains("jawOpen"));
@@ -168,12 +204,31 @@ fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
 }
 
 #[test]
+fn a_disk_that_takes_a_profile_slowly_holds_up_no_release() {
+    let mut rig = Rig::new();
+    let mut answers = rig.calibrate("anna");
+    let (disk, waits) = mpsc::channel::<()>();
+    rig.server.peers.loader.begin(move || waits.recv());
+    follow(&mut rig, &mut answers);
+    let mut list = rig.begin(Request::List {});
+    let mut release = rig.begin(Request::Release { on: true });
+    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.serve();
+    assert!(matches!(release.next(), Some(Reply::Done(_))) && answers.next().is_none() && list.next().is_none());
+    assert!(rig.begin(calibrate("bert")).next().is_some_and(|reply| matches!(reply, Reply::Refused(_))));
+    drop(disk);
+    rig.settle();
+    assert!(matches!(answers.next(), Some(Reply::Calibrated(_))));
+    assert!(matches!(list.next(), Some(Reply::Wearers { wearers, .. }) if wearers.len() == 1));
+}
+
+#[test]
 fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
     let mut rig = Rig::new();
     let answers = rig.calibrate("anna");
     assert!(rig.refused(calibrate("bert")).contains("in progress"));
     drop(answers);
-    rig.server.calibrate();
+    rig.server.serve();
     rig.calibrate("bert");
 }
 
@@ -207,10 +262,10 @@ fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
     let mut rig = Rig::new();
     let mut answers = rig.calibrate("anna");
     rig.reload(|settings| settings.camera.fps = 60);
-    assert!(rig.server.calibrating.is_some());
+    assert!(rig.has(|task| matches!(task, Task::Calibrate(..))));
     rig.reload(|settings| settings.solver.model = String::new());
     assert!(matches!(answers.next(), Some(Reply::Refused(why)) if why.contains("model has changed")));
-    assert!(rig.server.calibrating.is_none() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
+    assert!(rig.server.clients.is_empty() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
 
 #[test]
@@ -219,44 +274,56 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
     let mut recording = rig.ask(Request::Record {});
     let _answers = rig.calibrate("anna");
     (1..=3).for_each(|time_us| rig.recorder.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
-    rig.server.record();
+    rig.server.serve();
     assert!(std::iter::from_fn(|| recording.entry()).map(|entry| entry.time_us).eq([1, 2, 3]));
     assert!(rig.refused(Request::Record {}).contains("in progress"));
     drop(recording);
-    rig.server.record();
-    assert!(rig.server.recording.is_none() && rig.server.calibrating.is_some(), "the calibration goes on");
+    rig.server.serve();
+    let tasks: Vec<_> = rig.server.clients.iter().map(|(_, task)| task).collect();
+    assert!(matches!(*tasks, [Task::Calibrate(..)]), "the calibration goes on");
 }
 
-/// A recording, the ring of its frames, and the far end of its client.
-fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
+/// A recording, its client, the ring of its frames, and the far end of its client.
+fn recording() -> (Recording, Client, Observer<Recorded>, Observed<Recorded>, Answers) {
     let ((client, far), (observer, mut observed)) = (client(), observer::channel());
     observed.ask(true);
-    (Recording::new(client, 0), observer, observed, Answers::of(far))
+    (Recording::new(0), client, observer, observed, Answers::of(far))
+}
+
+fn step(
+    recording: &mut Recording,
+    client: &mut Client,
+    observed: &mut Observed<Recorded>,
+    is_camera_open: bool,
+    now_us: u64,
+) {
+    client.flush().unwrap();
+    recording.step(client, observed, is_camera_open, now_us).unwrap();
 }
 
 #[test]
 fn frames_that_nobody_fetched_in_time_or_that_a_client_does_not_read_are_lost_and_told_and_hold_no_memory() {
-    let (mut recording, mut observer, mut observed, mut answers) = recording();
+    let (mut recording, mut client, mut observer, mut observed, mut answers) = recording();
     let mut publish = || (0..40).for_each(|time_us| observer.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
     assert_eq!(allocation_counter::measure(&mut publish), allocation_counter::AllocationInfo::default());
-    recording.step(&mut observed, true, 1).unwrap();
+    step(&mut recording, &mut client, &mut observed, true, 1);
     let mut entries = std::iter::from_fn(|| answers.entry()).count() as u64;
     assert_eq!((answers.lost.take(), entries), (Some(8), 32));
     for time_us in 40..10_000 {
         observer.publish(|| Recorded::nothing(time_us, Reason::NoFace));
-        recording.step(&mut observed, true, time_us).unwrap();
+        step(&mut recording, &mut client, &mut observed, true, time_us);
     }
     assert!(recording.refused > 0);
     while answers.lost.is_none() {
         entries += u64::from(answers.entry().is_some());
-        recording.step(&mut observed, true, 10_000).unwrap();
+        step(&mut recording, &mut client, &mut observed, true, 10_000);
     }
     assert_eq!(answers.lost, Some(10_000 - entries));
 }
 
 #[test]
 fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_those_of_a_slow_camera() {
-    let (mut recording, mut observer, mut observed, mut answers) = recording();
+    let (mut recording, mut client, mut observer, mut observed, mut answers) = recording();
     let second = 1_000_000;
     for (captured_us, is_camera_open, now_us) in [
         // A camera with one frame a second, each of which comes 0.2 s after its capture.
@@ -269,7 +336,7 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
         (Some(4_040_000), true, 4_310_000),
     ] {
         captured_us.iter().for_each(|us| observer.publish(|| Recorded::nothing(*us, Reason::NoFace)));
-        recording.step(&mut observed, is_camera_open, now_us).unwrap();
+        step(&mut recording, &mut client, &mut observed, is_camera_open, now_us);
     }
     let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.pose.unwrap_err()));
     let (face, camera) = (Reason::NoFace, Reason::NoCamera);
@@ -287,12 +354,12 @@ fn watchers_are_shown_the_newest_packet_and_one_that_does_not_read_holds_up_no_o
     for sequence in 0..4000 {
         rig.shown.publish(|| Packet { sequence: 1, ..Packet::NEUTRAL });
         rig.shown.publish(|| Packet { sequence, ..Packet::NEUTRAL });
-        rig.server.watched_at = Some(Instant::now().checked_sub(WATCH_PERIOD).unwrap());
+        rig.server.shown_at = None;
         rig.server.serve();
         let Some(Reply::Packet(bytes)) = first.next() else { panic!("{sequence}: no packet") };
         seen.push(Packet::decode(&BASE64_STANDARD.decode(bytes).unwrap()).unwrap().sequence);
     }
-    assert!(seen.into_iter().eq(0..4000) && rig.server.clients.iter().any(Client::is_behind));
+    assert!(seen.into_iter().eq(0..4000) && rig.server.clients.iter().any(|(client, _)| client.is_behind()));
     drop((first, slow));
     rig.server.serve();
     rig.shown.publish(|| panic!("nobody watches any more"));
@@ -345,7 +412,6 @@ impl Rig {
     /// Does what lines say, and notes whether somebody drives, as the sender does.
     fn drive(&mut self, far: &mut UnixStream, lines: &str) -> bool {
         let _ = far.write_all(lines.as_bytes());
-        self.server.drive();
         self.server.serve();
         let operator = &self.server.peers.counters.traffic.operator;
         operator.is_driven.store(monotonic_us() < operator.driven_until_us.load(Relaxed), Relaxed);
@@ -362,11 +428,11 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
     let angles_deg = yaw_pitch_roll_deg(pose.rotation).map(f32::round);
     assert_eq!((angles_deg, pose.coefficients[17]), ([10.0, -20.0, 30.0], 1.0));
     drop(far);
-    rig.server.drive();
+    rig.server.serve();
     far = rig.driver();
     assert!(!rig.drive(&mut far, "") && rig.played.read().is_none(), "the next one begins with the wearer's face");
     drop(far);
-    rig.server.drive();
+    rig.server.serve();
     let jog = "{\"link\":1,\"channel\":3,\"position\":0.5}\n";
     for (last, why) in [
         ("{\"link\":0,\"channel\":3,\"position\":0.5}\n", Some("no servo")),
@@ -383,11 +449,11 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
         if why.is_none() {
             far.shutdown(std::net::Shutdown::Both).unwrap();
         } else if last == "{}\n" {
-            rig.server.driver.as_mut().unwrap().since -= 2 * DRIVE_PATIENCE;
+            rig.server.clients.back_mut().unwrap().0.since -= 2 * DRIVE_PATIENCE;
             assert!(!rig.drive(&mut far, ""));
         }
         let told = (!rig.drive(&mut far, last)).then(|| Answers::of(far).next()).unwrap();
-        assert!(rig.server.driver.is_none(), "{last}");
+        assert!(!rig.has(|task| matches!(task, Task::Drive)), "{last}");
         assert!(why.is_none_or(|why| matches!(told, Some(Reply::Refused(told)) if told.contains(why))), "{last}");
     }
 }
@@ -408,7 +474,7 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
             _ => format!("{{\"link\":{},\"channel\":{},\"position\":{number}}}", random.u8(..3), random.u8(..5)),
         };
         driven += u32::from(rig.drive(&mut far, &format!("{line}\n")));
-        if rig.server.driver.is_none() {
+        if rig.server.clients.is_empty() {
             far = rig.driver();
         }
         let is_released = random.u32(..10) == 0;
@@ -456,8 +522,8 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
     };
     let Reply::Picture(PictureHead { format, width, bytes, time_us, landmarks, .. }) = head else { panic!("{head:?}") };
     assert_eq!(
-        (format.as_str(), width, bytes, time_us, landmarks.unwrap()[1]),
-        ("grey", 1000, 1_000_000, 5, [30.0, 40.0])
+        (format, width, bytes, time_us, landmarks.unwrap()[1]),
+        (PictureFormat::Grey, 1000, 1_000_000, 5, [30.0, 40.0])
     );
     let mut shown = Vec::new();
     while shown.len() < bytes {
@@ -490,11 +556,10 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
 #[test]
 fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
     let guide = Guide::new(blank_model_file().to_model().unwrap());
-    let (client, _far) = client();
-    let mut calibrating = Calibrating::new(client, named("anna").unwrap(), guide, 0);
+    let ((mut client, _far), mut guiding) = (client(), Guiding::new(guide, 0));
     let mut waits_for = |now_us| {
-        calibrating.step(None, 1_500_000, now_us).unwrap();
-        calibrating.guide.progress().waits_for
+        guiding.step(&mut client, None, 1_500_000, now_us).unwrap();
+        guiding.guide.progress().waits_for
     };
     assert_eq!([1_400_000, 1_600_000].map(&mut waits_for), [None, Some(Refusal::NoPicture)]);
 }
@@ -526,10 +591,10 @@ fn requests_are_lines_that_people_can_type_in_pieces_and_nonsense_and_endless_li
         let (mut client, mut far) = client();
         let (first, last) = line.split_at(4);
         far.write_all(first.as_bytes()).unwrap();
-        assert!(!client.receive().unwrap() && client.request::<Request>().is_none());
+        assert!(!client.receive(MAX_LINE).unwrap() && client.request::<Request>(MAX_LINE).is_none());
         far.write_all(format!("{last}\n").as_bytes()).unwrap();
-        client.receive().unwrap();
-        match (client.request().unwrap(), want) {
+        client.receive(MAX_LINE).unwrap();
+        match (client.request(MAX_LINE).unwrap(), want) {
             (Err(refusal), Err(why)) => assert!(refusal.contains(why), "{line}: {refusal}"),
             (request, want) => assert_eq!(request, want.map_err(str::to_owned), "{line}"),
         }
@@ -549,5 +614,5 @@ fn client_that_does_not_read_is_behind_until_it_does_and_one_that_has_gone_is_to
         client.flush().unwrap();
     }
     drop(far);
-    assert!(client.has_gone(patience) && client.receive().unwrap());
+    assert!(client.has_gone(patience) && client.receive(MAX_LINE).unwrap());
 }

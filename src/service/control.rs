@@ -211,9 +211,11 @@ impl Server {
             self.adopt();
             self.serve();
         }
-        for (_, task) in self.clients.drain(..) {
-            if let Task::Calibrate(_, Stage::Keep(kept)) = task {
-                let _ = kept.recv_timeout(DISK_PATIENCE);
+        for (mut client, task) in self.clients.drain(..) {
+            if let Task::Calibrate(_, Stage::Keep(kept)) = task
+                && let Ok(Ok(reply)) = kept.recv_timeout(DISK_PATIENCE)
+            {
+                let _ = client.send(&reply);
             }
         }
         self.ask_for_frames();
@@ -320,7 +322,10 @@ impl Server {
                 None
             }
             Task::Leave => None,
-            Task::Drive => self.drive(client)?.map(|refusal| (refusal, Vec::new())),
+            Task::Drive => self.drive(client)?.map(|why| {
+                tracing::info!("who drives is refused: {why}");
+                (Reply::Refused(why), Vec::new())
+            }),
             _ if client.has_gone(STREAM_PATIENCE) => return Err(ErrorKind::ConnectionReset.into()),
             Task::Watch => {
                 packet.filter(|_| !client.is_behind()).map_or(Ok(()), |packet| client.send(packet))?;
@@ -349,7 +354,9 @@ impl Server {
                 tracing::info!("driving has ended");
             }
             Task::Record(recording) => tracing::info!("recording ended, {} frames lost", recording.lost),
-            Task::Calibrate(name, _) => tracing::info!("calibration of wearer {name} has ended"),
+            Task::Calibrate(name, Stage::Load(_) | Stage::Guide(_)) => {
+                tracing::info!("calibration of wearer {name} cancelled");
+            }
             _ => {}
         }
     }
@@ -458,18 +465,17 @@ impl Server {
     }
 
     /// Does what the driver's lines say. Returns why it may not drive any more if one is bad or none comes.
-    fn drive(&mut self, driver: &mut Client) -> io::Result<Option<Reply>> {
+    fn drive(&mut self, driver: &mut Client) -> io::Result<Option<String>> {
         let has_ended = driver.receive(MAX_DRIVE_LINE)?;
         while let Some(line) = driver.request(MAX_DRIVE_LINE) {
             if let Err(why) = line.and_then(|drive| self.turn(drive)) {
-                return Ok(Some(Reply::Refused(why)));
+                return Ok(Some(why));
             }
         }
         if has_ended {
             return Err(ErrorKind::UnexpectedEof.into());
         }
-        let is_silent = driver.has_waited(DRIVE_PATIENCE);
-        Ok(is_silent.then(|| Reply::Refused("no line has come for 400 ms".to_owned())))
+        Ok(driver.has_waited(DRIVE_PATIENCE).then(|| "no line has come for 400 ms".to_owned()))
     }
 
     /// Gives the links what one who drives wants, for as long as one who drives may be silent.

@@ -410,9 +410,9 @@ fn one_operator_moves_servos_and_the_second_sees_who() {
     let cookie = console.post("password", &json!({"new": "a good password"})).cookie();
     let drive = arm(&console);
     assert_eq!(jog(&console, &drive).status, 200);
-    console.service.until(|seen| {
-        seen.lines.iter().any(|(_, line)| *line == json!({"link": 0, "channel": 3, "position": 0.4_f32}))
-    });
+    console
+        .service
+        .until(|seen| seen.lines.iter().any(|(_, line)| *line == json!({"link": 0, "channel": 3, "position": 0.4})));
     let second = console.ask(address, "POST /api/1/servos/arm", &format!("{JSON}{cookie}"), "{}").unwrap();
     assert!(second.status == 409 && second.text().contains("127.0.0.1 moves the servos"), "{second:?}");
     assert_eq!(console.get("status").json()["operator"], json!({"name": "127.0.0.1", "me": true}));

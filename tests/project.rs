@@ -87,7 +87,7 @@ fn sources(folder: &Path) -> String {
 #[test]
 fn every_fault_of_the_table_names_tests_and_they_exist() {
     let table = fs::read_to_string(project("docs/service.md")).unwrap();
-    let tests = ["src", "servo", "tests"].map(|folder| sources(&project(folder))).concat();
+    let tests = ["src", "servo", "board", "tests"].map(|folder| sources(&project(folder))).concat();
     let rows: Vec<&str> = table.lines().filter(|line| line.matches('|').count() == 5).skip(2).collect();
     assert!(rows.len() >= 20, "{rows:?}");
     for row in rows {
@@ -208,7 +208,7 @@ impl Rehearsal {
         let rehearsal = Self { folder: tempfile::tempdir().unwrap(), _alone: alone() };
         let programs = "programs/cargo programs/rustfmt programs/shellcheck programs/qemu-aarch64 scripts/setup cross/setup \
                         cross/count cross/test scripts/package packaging/check packaging/try tests/guest/arm64 \
-                        tests/guest/setup tests/guest/cameras tests/guest/run";
+                        tests/guest/setup tests/guest/cameras tests/guest/console tests/guest/run";
         programs.split(' ').for_each(|program| rehearsal.replace(program, ""));
         rehearsal.replace("programs/uname", "echo x86_64");
         fs::copy(project("scripts/test"), rehearsal.folder.path().join("scripts/test")).unwrap();

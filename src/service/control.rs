@@ -260,13 +260,11 @@ impl Server {
             }
             self.settings = settings;
             for (_, task) in &mut self.clients {
-                match task {
-                    Task::Calibrate(_, stage @ Stage::Load(_)) => {
-                        *stage = Stage::load(&self.peers.loader, &self.settings.solver);
-                    }
+                let Task::Calibrate(_, stage) = task else { continue };
+                match stage {
+                    Stage::Load(_) => *stage = Stage::load(&self.peers.loader, &self.settings.solver),
                     // A profile of takes that two models have read would fit neither.
-                    Task::Calibrate(_, stage) if matches!(&*stage, Stage::Guide(guiding) if guiding.reads_otherwise(model)) =>
-                    {
+                    Stage::Guide(guiding) if model.is_some_and(|model| model != guiding.guide.calibration.model) => {
                         *stage = Stage::End(Reply::Refused(MODEL_CHANGED.to_owned()));
                     }
                     _ => {}
@@ -716,11 +714,6 @@ struct Guiding {
 impl Guiding {
     fn new(guide: Guide, now_us: u64) -> Self {
         Self { guide, observed_us: now_us, told: None }
-    }
-
-    /// Whether a model that was read again is another than that of the guide.
-    fn reads_otherwise(&self, model: Option<u32>) -> bool {
-        model.is_some_and(|model| model != self.guide.calibration.model)
     }
 
     /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.

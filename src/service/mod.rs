@@ -116,20 +116,10 @@ pub fn run(
     let hot = Arc::new(hot);
 
     let ((control, changes), (reload, asked)) = (mpsc::channel(), mpsc::channel());
-    let (to_hot, shared) = (Arc::clone(&hot), Arc::clone(&counters));
-    let to_sender = sender_thread.thread().clone();
-    let peers = Peers {
-        changes,
-        observed,
-        recorded,
-        watched,
-        hot: to_hot,
-        sender: to_sender,
-        puppet,
-        reload,
-        pictures,
-        loader: loader.clone(),
-        counters: shared,
+    let peers = {
+        let (hot, sender) = (Arc::clone(&hot), sender_thread.thread().clone());
+        let (loader, counters) = (loader.clone(), Arc::clone(&counters));
+        Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters }
     };
     let server = Server::new(socket(), settings.clone(), config, peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
@@ -137,19 +127,22 @@ pub fn run(
     if let Err(error) = &control_thread {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
-    let (live, shared, preparing, askers) = (settings, Arc::clone(&counters), None, Vec::new());
-    let reloader = Reloader {
-        live,
-        load_settings,
-        set_log_level,
-        hot,
-        sender,
-        control,
-        counters: shared,
-        loader,
-        preparing,
-        asked,
-        askers,
+    let (live, preparing, askers) = (settings, None, Vec::new());
+    let reloader = {
+        let counters = Arc::clone(&counters);
+        Reloader {
+            live,
+            load_settings,
+            set_log_level,
+            hot,
+            sender,
+            control,
+            counters,
+            loader,
+            preparing,
+            asked,
+            askers,
+        }
     };
     let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
     let mut supervisor = Supervisor { counters: shared, events: heard, load, reloader, adaptation, log };

@@ -29,7 +29,7 @@ struct Rig {
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotChange>,
-    reload: mpsc::Sender<(Settings, Option<u32>)>,
+    adopt: mpsc::Sender<(Settings, Option<u32>)>,
     shown: Observer<Packet>,
     reloads: mpsc::Receiver<mpsc::Sender<Reply>>,
     played: Newest<Option<Pose>>,
@@ -45,28 +45,17 @@ impl Rig {
         let mut settings = Settings::default();
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
         let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-        let ((to_hot, told), (reload, changes)) = (mpsc::channel(), mpsc::channel());
-        let ((shown, watched), (asks, reloads)) = (observer::channel(), mpsc::channel());
+        let ((to_hot, told), (adopt, changes)) = (mpsc::channel(), mpsc::channel());
+        let ((shown, watched), (reload, reloads)) = (observer::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: to_hot, thread: thread::current() });
         let path = folder.path().join("run/control");
         let (pictures, copier) = picture::channel();
         let ((puppet, played), sender, counters) = (triple_buffer(&None), thread::current(), Arc::default());
-        let (reload_asked, loader) = (asks, Loader::start().unwrap());
-        let peers = Peers {
-            changes,
-            observed,
-            recorded,
-            watched,
-            hot,
-            sender,
-            puppet,
-            reload: reload_asked,
-            pictures,
-            loader,
-            counters,
-        };
+        let loader = Loader::start().unwrap();
+        let peers =
+            Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters };
         let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
-        Self { folder, server, stop, observer, recorder, told, reload, shown, reloads, played, copier }
+        Self { folder, server, stop, observer, recorder, told, adopt, shown, reloads, played, copier }
     }
 
     /// Asks, and lets the disk do what is asked of it.
@@ -117,7 +106,7 @@ impl Rig {
         let mut settings = self.server.settings.clone();
         change(&mut settings);
         let model = model_hash(&load_model(&settings.solver).unwrap());
-        self.reload.send((settings, Some(model))).unwrap();
+        self.adopt.send((settings, Some(model))).unwrap();
         self.server.adopt();
         self.server.serve();
     }
@@ -290,33 +279,23 @@ fn recording() -> (Recording, Client, Observer<Recorded>, Observed<Recorded>, An
     (Recording::new(0), client, observer, observed, Answers::of(far))
 }
 
-fn step(
-    recording: &mut Recording,
-    client: &mut Client,
-    observed: &mut Observed<Recorded>,
-    is_camera_open: bool,
-    now_us: u64,
-) {
-    client.flush().unwrap();
-    recording.step(client, observed, is_camera_open, now_us).unwrap();
-}
-
 #[test]
 fn frames_that_nobody_fetched_in_time_or_that_a_client_does_not_read_are_lost_and_told_and_hold_no_memory() {
     let (mut recording, mut client, mut observer, mut observed, mut answers) = recording();
     let mut publish = || (0..40).for_each(|time_us| observer.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
     assert_eq!(allocation_counter::measure(&mut publish), allocation_counter::AllocationInfo::default());
-    step(&mut recording, &mut client, &mut observed, true, 1);
+    recording.step(&mut client, &mut observed, true, 1).unwrap();
     let mut entries = std::iter::from_fn(|| answers.entry()).count() as u64;
     assert_eq!((answers.lost.take(), entries), (Some(8), 32));
     for time_us in 40..10_000 {
         observer.publish(|| Recorded::nothing(time_us, Reason::NoFace));
-        step(&mut recording, &mut client, &mut observed, true, time_us);
+        recording.step(&mut client, &mut observed, true, time_us).unwrap();
     }
     assert!(recording.refused > 0);
     while answers.lost.is_none() {
         entries += u64::from(answers.entry().is_some());
-        step(&mut recording, &mut client, &mut observed, true, 10_000);
+        client.flush().unwrap();
+        recording.step(&mut client, &mut observed, true, 10_000).unwrap();
     }
     assert_eq!(answers.lost, Some(10_000 - entries));
 }
@@ -336,7 +315,7 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
         (Some(4_040_000), true, 4_310_000),
     ] {
         captured_us.iter().for_each(|us| observer.publish(|| Recorded::nothing(*us, Reason::NoFace)));
-        step(&mut recording, &mut client, &mut observed, is_camera_open, now_us);
+        recording.step(&mut client, &mut observed, is_camera_open, now_us).unwrap();
     }
     let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.pose.unwrap_err()));
     let (face, camera) = (Reason::NoFace, Reason::NoCamera);

@@ -27,7 +27,7 @@ view=http://127.0.0.1:5252
 shown() { busybox timeout 5 busybox wget -qO- $view/api/1/events | grep -q '"reason":"no face"'; }
 facewire-console >$work/view 2>&1 &
 await shown
-busybox wget -qO- $view/ | grep -q '<canvas' || fail "no page: $(cat $work/view)"
+busybox wget -qO- $view/ | grep -q '<title>facewire<' || fail "no page: $(cat $work/view)"
 
 # Another maker's port is not taken, and the log names it.
 usb-acm unplug

@@ -61,6 +61,8 @@ pub enum Request {
     /// Show the next frame that the camera gives, as [`Reply::Picture`] and the bytes of its rows. Refused unless the setting
     /// `console.picture` allows it.
     Picture {},
+    /// Tell where the landmarks of the next frame are, as [`Reply::Picture`] without bytes, whatever the settings say.
+    Landmarks {},
 }
 
 /// What a client that drives wants from now on. It takes the place of what it wanted before.

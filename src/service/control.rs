@@ -426,8 +426,11 @@ impl Server {
                     "the camera's picture stays in the service unless the settings have picture = true in [console]";
                 return Err(why.into());
             }
-            Request::Picture {} => picture_of(self.peers.pictures.clone(), USUAL_SIZE)
-                .ok_or("too many pictures are asked for: try again when the camera shows some")?,
+            Request::Picture {} | Request::Landmarks {} => {
+                let size = (request == Request::Picture {}).then_some(USUAL_SIZE);
+                picture_of(self.peers.pictures.clone(), size)
+                    .ok_or("too many pictures are asked for: try again when the camera shows some")?
+            }
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
                 let _ = self.peers.reload.send(asker);
@@ -640,12 +643,12 @@ fn wait_for(reply: Receiver<Reply>) -> Task {
     Task::Wait(Box::new(move || Some((come(&reply)?.unwrap_or_else(Reply::Refused), Vec::new()))))
 }
 
-/// Waits for a picture, first of at most this size, and then of the size that it has.
-fn picture_of(pictures: Asker, size: [usize; 2]) -> Option<Task> {
-    let mut copied = pictures.ask(size)?;
+/// Waits for a picture, first of at most this size, and then of the size that it has. Without a size, for the landmarks alone.
+fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Option<Task> {
+    let mut copied = pictures.ask(size.unwrap_or_default())?;
     Some(Task::Wait(Box::new(move || {
         let copy = copied.try_recv().ok()?;
-        if copy.bytes.is_empty() {
+        if copy.bytes.is_empty() && size.is_some() {
             copied = pictures.ask(copy.size)?;
             return None;
         }

@@ -486,6 +486,7 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
 fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
     let mut rig = Rig::new();
     assert!(rig.refused(Request::Picture {}).contains("[console]"));
+    let mut asks_landmarks = rig.ask(Request::Landmarks {});
     rig.reload(|settings| settings.console.picture = true);
     let mut asks = rig.ask(Request::Picture {});
     let (data, mut landmarks) = (vec![7; 1000 * 1000], Landmarks::zero());
@@ -499,6 +500,8 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
             break head;
         }
     };
+    let Some(Reply::Picture(without)) = asks_landmarks.next() else { panic!("no landmarks") };
+    assert_eq!((without.bytes, without.width, without.landmarks.unwrap()[1]), (0, 1000, [30.0, 40.0]));
     let Reply::Picture(PictureHead { format, width, bytes, time_us, landmarks, .. }) = head else { panic!("{head:?}") };
     assert_eq!(
         (format, width, bytes, time_us, landmarks.unwrap()[1]),

@@ -10,7 +10,7 @@ import { Login } from "./login.js";
 import { Recordings } from "./recordings.js";
 import { Servos } from "./servos.js";
 import { Start } from "./start.js";
-import { hasService, loadSession, mayOperate, open, post, store, update, useStore } from "./store.js";
+import { hasService, loadSession, mayOperate, open, post, postFirst, store, update, useStore } from "./store.js";
 import { Wearer } from "./wearer.js";
 
 // The name in the address, the title, the page, and the path of its sign in a square of 24.
@@ -40,16 +40,19 @@ function Tabs({ page }) {
   )}</nav>`;
 }
 
-const release = (on) => post("servos/release", { on });
+const release = (on) => postFirst("servos/release", { on });
 
 // Stops all servos. The button shows that they are stopped as soon as the service says so.
 function Stop() {
   const [trouble, setTrouble] = useState();
+  // A connection that the console has closed meanwhile fails the first time.
   const stop = () =>
-    release(true).then(
-      () => setTrouble(),
-      (error) => setTrouble(error.message),
-    );
+    release(true)
+      .catch(() => release(true))
+      .then(
+        () => setTrouble(),
+        (error) => setTrouble(error.message),
+      );
   useEffect(() => {
     const key = (event) => {
       if (!mayOperate() || event.repeat || !isStop(event)) return;
@@ -75,7 +78,7 @@ function isStop({ key, target }) {
 
 const beginning = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
-function Banners() {
+function Banners({ page }) {
   const { connection, status, session } = store;
   const banner = (kind, text, rest) =>
     html`<div class=${`notice ${kind}`} role=${kind === "bad" ? "alert" : "status"}><span>${text}</span>${rest}</div>`;
@@ -106,7 +109,22 @@ function Banners() {
         html`<a href="#links">Look at the settings</a> <${Action} run=${restoreLast}>Back to the last that worked<//>`,
       )
     }
-    ${status?.operator && !status.operator.me && banner("warn", `${status.operator.name} moves the servos now. You can look, and stop them.`)}
+    ${
+      status?.unused &&
+      banner(
+        "bad",
+        `The service goes on with its former settings. Those that were kept last do not work: ${status.unused}`,
+        html`<${Action} run=${() => post("settings/reload")}>Try them again<//>
+        <${Action} run=${restoreLast}>Back to the last that worked<//>`,
+      )
+    }
+    ${
+      !["links", "servos"].includes(page) &&
+      status?.service?.links
+        ?.filter(({ trouble }) => trouble)
+        .map(({ name, trouble }) => banner("warn", `${name}: ${trouble}`, html`<a href="#links">Links</a>`))
+    }
+    ${status?.operator && !status.operator.me && banner("warn", `${status.operator.name} moves the servos now. Until they let go you can look, and press STOP.`)}
     ${status?.picture && banner("warn", "The camera's picture can be seen here.", html`<a href="#links">Settings</a>`)}
     ${session?.role === "look" && hasService() && banner("", "You may look, but not operate.")}
   </div>`;
@@ -136,7 +154,7 @@ function App() {
       <p id="state" role="status" data-state="waiting">waiting for packets</p>
       ${isWhole && html`<${Stop} /><${Tabs} page=${page} />`}
     </header>
-    <${Banners} />
+    <${Banners} page=${page} />
     <main>
       <${Live} isShown=${!isWhole || page === "live"} />
       ${isWhole && page !== "live" && html`<section class="page" id=${`page-${page}`}

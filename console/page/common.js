@@ -40,12 +40,18 @@ export function useAnswer(path) {
   return [state.answer, state.trouble, load];
 }
 
-// Calls a function again and again while the page is visible and the component is shown.
+// Calls a function again and again while the page is visible and the component is shown, but not before the last call is done.
 export function useEvery(period, call) {
   const latest = useRef(call);
   latest.current = call;
   useEffect(() => {
-    const timer = setInterval(() => document.visibilityState === "visible" && latest.current(), period);
+    let isBusy = false;
+    const timer = setInterval(async () => {
+      if (isBusy || document.visibilityState !== "visible") return;
+      isBusy = true;
+      await latest.current();
+      isBusy = false;
+    }, period);
     return () => clearInterval(timer);
   }, [period]);
 }

@@ -18,6 +18,8 @@ export const draft = {
   versions: [],
 };
 let loading;
+let forgetting;
+const SAID_MS = 15_000;
 // Edits follow each other, so that each begins with the text that the one before it gave.
 let last = Promise.resolve();
 
@@ -80,25 +82,30 @@ async function check(text, edited = draft.values) {
 
 export const isChanged = () => draft.text !== draft.kept;
 
-export const keep = () =>
-  after(async () => {
-    const answer = await post("settings/keep", { text: draft.text, base: draft.base });
-    await reload();
-    return answer;
-  });
+export const keep = () => after(() => replace("settings/keep", { text: draft.text, base: draft.base }));
+export const restore = (id) => replace("settings/restore", { id });
 
-export async function restore(id) {
-  const answer = await post("settings/restore", { id });
+// What the service says is shown for a while, since what was pressed is gone then.
+async function replace(path, body) {
+  const answer = await post(path, body);
   await reload();
+  set({ said: answer.done });
+  clearTimeout(forgetting);
+  forgetting = setTimeout(() => set({ said: undefined }), SAID_MS);
   return answer;
 }
 
-// The versions begin with the newest. The newest of them that is not what the file holds now was the last to work.
+// The versions begin with the newest. One that has faults itself is passed over.
 export async function restoreLast() {
   await reload();
-  if (!draft.versions?.length)
-    throw new Error("No earlier settings were kept. Mend the faults beside their lines instead.");
-  return restore(draft.versions[0].id);
+  for (const { id } of draft.versions ?? []) {
+    try {
+      return await restore(id);
+    } catch (error) {
+      if (error.status !== 422) throw error;
+    }
+  }
+  throw new Error("No earlier settings without a fault were kept. Mend the faults beside their lines instead.");
 }
 
 export function discard() {
@@ -110,7 +117,13 @@ export function discard() {
 export function DraftBar() {
   useStore();
   const [isOpen, setOpen] = useState(false);
-  if (draft.text === undefined || !isChanged()) return null;
+  if (draft.text === undefined) return null;
+  if (!isChanged())
+    return (
+      draft.said &&
+      html`<aside id="kept" class="row spread" role="status"><span>Kept: ${draft.said}.</span>
+      <button type="button" class="small" onClick=${() => set({ said: undefined })}>Close</button></aside>`
+    );
   const { faults, changed } = draft;
   const count = changed.length === 1 ? "1 setting is" : `${changed.length || "Some"} settings are`;
   return html`<aside id="draft" aria-label="Changed settings">

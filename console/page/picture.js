@@ -3,32 +3,37 @@
 
 import { Action } from "./common.js";
 import { change, isChanged, keep } from "./draft.js";
-import { ask } from "./store.js";
+import { ask, get, useStore } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
 const RETRY_MS = 1000;
 
-export function Picture() {
+// Without controls where there is little room.
+export function Picture({ isPlain }) {
   const canvas = useRef();
+  const isAllowed = useStore().status?.picture === true;
   const [trouble, setTrouble] = useState();
-  const [isBlack, setBlack] = useState(false);
-  const black = useRef(false);
+  const [wantsBlack, setBlack] = useState(false);
+  const isBlack = wantsBlack || !isAllowed;
+  const black = useRef(isBlack);
   black.current = isBlack;
   useEffect(() => {
     const show = { canvas: canvas.current, isBlack: () => black.current, setTrouble, isOver: false };
     watch(show);
     return () => (show.isOver = true);
   }, []);
-  const isForbidden = trouble?.status === 403 || trouble?.status === 409;
   return html`<div class="camera">
     <canvas ref=${canvas} width="640" height="480" role="img" hidden=${trouble !== undefined}
       aria-label=${isBlack ? "Landmarks of the face on black" : "The camera's picture with the landmarks of the face"}></canvas>
     ${trouble && html`<p class="notice warn" role="status">${trouble.message}</p>`}
-    <div class="row">
-      <label class="check"><input type="checkbox" checked=${isBlack}
-        onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>
-      ${isForbidden && html`<${Action} run=${allow}>Allow the picture<//>`}
-    </div>
+    ${
+      !isPlain &&
+      (isAllowed
+        ? html`<label class="check"><input type="checkbox" checked=${wantsBlack}
+        onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>`
+        : html`<div class="row spread"><span class="dim">Landmarks do for everything but aiming. The settings keep the picture itself in the service.</span>
+      <${Action} run=${allow}>Allow the picture<//></div>`)
+    }
   </div>`;
 }
 
@@ -51,7 +56,8 @@ async function watch(show) {
       await new Promise(requestAnimationFrame);
     } catch (error) {
       if (show.isOver) return;
-      show.setTrouble(error);
+      // A question that made way for another request is asked again.
+      if (error.name !== "AbortError") show.setTrouble(error);
       await new Promise((done) => setTimeout(done, RETRY_MS));
     }
   }
@@ -59,12 +65,11 @@ async function watch(show) {
 
 // The answer is a line of JSON, and then the bytes of a JPEG.
 async function load(isBlack) {
+  if (isBlack) return get("landmarks");
   const bytes = new Uint8Array(await (await ask("picture")).arrayBuffer());
   const end = bytes.indexOf(10);
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
-  const image = isBlack
-    ? undefined
-    : await createImageBitmap(new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" }));
+  const image = await createImageBitmap(new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" }));
   return { ...head, image };
 }
 

@@ -63,15 +63,28 @@ export function open() {
   );
 }
 
+// All requests that change nothing. A browser has six requests at a time under way, and one more waits for them.
+let questions = new AbortController();
+
+// Sends a request before all others that wait: those that change nothing end, and are asked again behind it.
+export function postFirst(path, body) {
+  questions.abort();
+  questions = new AbortController();
+  return post(path, body, { priority: "high", keepalive: true });
+}
+
 // Sends a request. Throws an error with a sentence for the person at the page. With a body it is a POST.
 export async function ask(path, body, options = {}) {
   const post =
     body === undefined
       ? {}
       : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
-  const answer = await fetch(`api/1/${path}`, { ...post, ...options }).catch(() => {
+  const { signal } = body === undefined ? questions : {};
+  const answer = await fetch(`api/1/${path}`, { ...post, signal, ...options }).catch(() => {
+    if (signal?.aborted) return undefined;
     throw new Error("The console does not answer. Check that it runs, and that this device is in its network.");
   });
+  if (!answer) return ask(path);
   if (answer.ok) return answer;
   if (answer.status === 401 && path !== "login") update({ session: { ...store.session, role: null } });
   throw Object.assign(new Error(await sentence(answer)), { status: answer.status });
@@ -87,7 +100,13 @@ async function sentence(answer) {
   }
 }
 
-export const get = async (path) => (await ask(path)).json();
+export async function get(path) {
+  const answer = await ask(path);
+  return answer.json().catch((error) => {
+    if (error.name === "AbortError") return get(path);
+    throw error;
+  });
+}
 export const post = async (path, body = {}, options) => (await ask(path, body, options)).json().catch(() => ({}));
 
 export async function loadSession() {

@@ -18,10 +18,13 @@ use argon2::{
 };
 use hyper::{HeaderMap, StatusCode, header::COOKIE};
 use serde::{Deserialize, Serialize};
-use tokio::{sync::Semaphore, task::spawn_blocking};
+use tokio::{
+    sync::{Mutex as AsyncMutex, Semaphore},
+    task::spawn_blocking,
+};
 
 use crate::{
-    files::write_atomically,
+    files::{aside, write_atomically},
     web::{Refusal, Token},
 };
 
@@ -110,6 +113,8 @@ pub struct Access {
     state: Mutex<State>,
     /// One hash at a time bounds memory and the load that strangers can cause.
     hashing: Semaphore,
+    /// Held while a change is kept.
+    keeping: AsyncMutex<()>,
 }
 
 impl Access {
@@ -122,7 +127,7 @@ impl Access {
             Err(error) => return Err(error),
         };
         let state = Mutex::new(State { kept, ..State::default() });
-        Ok(Self { path, operate_token, state, hashing: Semaphore::new(1) })
+        Ok(Self { path, operate_token, state, hashing: Semaphore::new(1), keeping: AsyncMutex::default() })
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -204,29 +209,27 @@ impl Access {
             Ok::<_, argon2::password_hash::Error>(hasher()?.hash_password(new.as_bytes(), &salt)?.to_string())
         });
         let hash = hash.await.map_err(|error| Refusal::failed(&error))?.map_err(|error| Refusal::failed(&error))?;
-        {
-            let mut state = self.state();
-            let kept = Kept { password: Some(hash), ..state.kept.clone() };
-            self.keep(&mut state, kept)?;
-            state.sessions.clear();
-        }
+        self.keep(|kept| kept.password = Some(hash)).await?;
+        self.state().sessions.clear();
         self.begin(Role::Operate)
     }
 
     /// Makes a new token with which others may look, in place of the former one, whose sessions end.
-    pub fn make_look_token(&self) -> Result<Token, Refusal> {
+    pub async fn make_look_token(&self) -> Result<Token, Refusal> {
         let token = Token::random().map_err(|error| Refusal::failed(&error))?;
-        let mut state = self.state();
-        let kept = Kept { look_token: Some(token.clone()), ..state.kept.clone() };
-        self.keep(&mut state, kept)?;
-        state.sessions.retain(|session| session.role == Role::Operate);
+        self.keep(|kept| kept.look_token = Some(token.clone())).await?;
+        self.state().sessions.retain(|session| session.role == Role::Operate);
         Ok(token)
     }
 
-    fn keep(&self, state: &mut State, kept: Kept) -> Result<(), Refusal> {
+    async fn keep(&self, change: impl FnOnce(&mut Kept)) -> Result<(), Refusal> {
+        let _turn = self.keeping.lock().await;
+        let mut kept = self.state().kept.clone();
+        change(&mut kept);
         let bytes = serde_json::to_vec(&kept).map_err(|error| Refusal::failed(&error))?;
-        write_atomically(&self.path, &bytes, 0o600).map_err(|error| Refusal::failed(&error))?;
-        state.kept = kept;
+        let path = self.path.clone();
+        aside(move || write_atomically(&path, &bytes, 0o600)).await?;
+        self.state().kept = kept;
         Ok(())
     }
 

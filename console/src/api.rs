@@ -20,6 +20,7 @@ use crate::{
     access::{Caller, Role, Secret},
     console::{Console, sentence},
     control::ControlError,
+    files::aside,
     report,
     settings::{self, Fault},
     web::{Body, Refusal},
@@ -50,6 +51,19 @@ const NO_HELPER: Refusal = Refusal::fixed(
 );
 const CALIBRATING: Refusal =
     Refusal::fixed(StatusCode::CONFLICT, "A calibration is in progress. Wait until it ends, or cancel it.\n");
+
+/// What somebody may do while somebody else moves servos: what changes nothing, and to come, go and press STOP. Each drive has
+/// a name that only its operator knows.
+const OPEN_TO_SECOND: [&str; 8] = [
+    "login",
+    "logout",
+    "password",
+    "settings/check",
+    "settings/edit",
+    "servos/release",
+    "servos/drive",
+    "servos/disarm",
+];
 
 type Answer = Result<Response<Body>, Refusal>;
 
@@ -145,6 +159,8 @@ impl Call<'_> {
                 })?
             }
             "picture" => return self.picture().await,
+            "landmarks" => crate::picture::landmarks(&console.control).await?,
+            "log" => json!({"lines": report::log_lines().await?}),
             "report" => {
                 let text = report::write(console).await;
                 return Ok(response("text/plain; charset=utf-8", text.into()));
@@ -159,6 +175,9 @@ impl Call<'_> {
     async fn post(&self, path: &str, body: Incoming) -> Answer {
         let Self { console, caller, headers } = *self;
         let (control, recordings) = (&console.control, &console.recordings);
+        if !OPEN_TO_SECOND.contains(&path) {
+            console.servos.must_be_free_for(caller)?;
+        }
         let most_bytes = if path.starts_with("settings/") { MOST_SETTINGS_BODY_BYTES } else { MOST_BODY_BYTES };
         let body = Json { headers, body, most_bytes };
         let done = match path {
@@ -176,7 +195,7 @@ impl Call<'_> {
             }
             "tokens/look" => {
                 body.read::<Nothing>().await?;
-                return Ok(ok(&json!({"token": console.access.make_look_token()?})));
+                return Ok(ok(&json!({"token": console.access.make_look_token().await?})));
             }
             "settings/check" => {
                 let Text { text } = body.read().await?;
@@ -192,12 +211,16 @@ impl Call<'_> {
             }
             "settings/keep" => {
                 let Keep { text, base } = body.read().await?;
-                return self.keep(&text, Some(&base)).await;
+                return self.keep(text, Some(base)).await;
             }
             "settings/restore" => {
                 let Version { id } = body.read().await?;
                 let text = console.settings.old_text(&id)?.ok_or(Refusal::NOT_FOUND)?;
-                return self.keep(&text, None).await;
+                return self.keep(text, None).await;
+            }
+            "settings/reload" => {
+                body.read::<Nothing>().await?;
+                console.reload().await?
             }
             "wearers/use" => control.tell(&Command::Use { wearer: body.read::<Name>().await?.name }).await?,
             "wearers/delete" => control.tell(&Command::Delete { wearer: body.read::<File>().await?.name }).await?,
@@ -217,6 +240,8 @@ impl Call<'_> {
                 // Whoever lets servos move again does not find them where somebody's slider wants them.
                 if on {
                     console.servos.end();
+                } else {
+                    console.servos.must_be_free_for(caller)?;
                 }
                 control.tell(&Command::Release { on }).await?
             }
@@ -247,7 +272,8 @@ impl Call<'_> {
                 "the recording ends".to_owned()
             }
             "recordings/delete" => {
-                recordings.delete(&body.read::<File>().await?.name)?;
+                let (recordings, name) = (recordings.clone(), body.read::<File>().await?.name);
+                aside(move || Ok(recordings.delete(&name))).await??;
                 "the recording is deleted".to_owned()
             }
             "recordings/play" => {
@@ -288,6 +314,8 @@ impl Call<'_> {
     async fn settings(&self) -> Result<Value, Refusal> {
         let console = self.console;
         let text = console.settings.text()?;
+        let old = Arc::clone(console);
+        let versions = aside(move || old.settings.old_versions()).await?;
         let schema = console.program.run(&["defaults", "--schema"], "").await?;
         let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
         Ok(json!({
@@ -297,34 +325,16 @@ impl Call<'_> {
             "values": settings::values(&text),
             "schema": schema,
             "faults": console.faults(&text).await?,
-            "versions": console.settings.old_versions()?,
+            "versions": versions,
         }))
     }
 
     /// Keeps settings without a fault, and has the service read them. `base` is the hash of the text that they change.
-    async fn keep(&self, text: &str, base: Option<&str>) -> Answer {
-        let console = self.console;
-        if text.len() > settings::MOST_BYTES {
-            return Err(TOO_LONG);
-        }
-        let faults = console.faults(text).await?;
-        if let Some(first) = faults.first() {
-            return Ok(refused(first, &faults));
-        }
-        {
-            let _turn = console.keeping.lock().await;
-            if base.is_some_and(|base| base != settings::hash(&console.settings.text().unwrap_or_default())) {
-                return Err(CHANGED);
-            }
-            console.settings.keep(text)?;
-        }
-        let done = match console.control.tell(&Command::Reload {}).await {
-            Ok(done) => done,
-            Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
-            Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
-        };
-        console.changed.notify_one();
-        Ok(ok(&json!({"done": done, "text": text, "hash": settings::hash(text), "values": settings::values(text)})))
+    async fn keep(&self, text: String, base: Option<String>) -> Answer {
+        let console = Arc::clone(self.console);
+        // Goes on if the page is closed, so that the service reads what is kept.
+        let kept = tokio::spawn(async move { keep(&console, text, base).await });
+        kept.await.map_err(|error| Refusal::failed(&error))?
     }
 
     /// Begins a calibration, whose progress the open pages are told of.
@@ -415,6 +425,38 @@ impl Call<'_> {
         let text = text.trim();
         text.strip_prefix("done: ").map(str::to_owned).ok_or_else(|| Refusal::failed(&text))
     }
+}
+
+async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Answer {
+    if text.len() > settings::MOST_BYTES {
+        return Err(TOO_LONG);
+    }
+    let faults = console.faults(&text).await?;
+    if let Some(first) = faults.first() {
+        return Ok(refused(first, &faults));
+    }
+    let _turn = console.keeping.lock().await;
+    let former = console.settings.text().unwrap_or_default();
+    if base.is_some_and(|base| base != settings::hash(&former)) {
+        return Err(CHANGED);
+    }
+    // A servo that is new moves where nobody has tried it yet, as soon as it gets pulses.
+    let mut is_released = false;
+    if settings::adds_a_servo(&former, &text) {
+        is_released = console.control.tell(&Command::Release { on: true }).await.is_ok();
+    }
+    let (keeper, new) = (Arc::clone(console), text.clone());
+    aside(move || keeper.settings.keep(&new)).await?;
+    let mut done = match console.reload().await {
+        Ok(done) => done,
+        Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
+        Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
+    };
+    if is_released {
+        done += ". A servo is new: all servos are released until you let them move again";
+    }
+    console.changed.notify_one();
+    Ok(ok(&json!({"done": done, "text": text, "hash": settings::hash(&text), "values": settings::values(&text)})))
 }
 
 /// The level of a line of `facewire check`.

@@ -4,7 +4,7 @@ use std::{
     env, io,
     os::unix::fs::DirBuilderExt as _,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
@@ -60,6 +60,8 @@ pub struct Console {
     pub settings: SettingsFile,
     /// Held while settings are compared and kept.
     pub keeping: AsyncMutex<()>,
+    /// Why the service does not use the settings that were kept last.
+    pub unused: Mutex<Option<String>>,
     pub servos: Servos,
     pub recordings: Recordings,
     pub news: News,
@@ -87,6 +89,7 @@ impl Console {
             program: Program::new(args.helper.clone()),
             settings: SettingsFile::new(std::path::absolute(config)?, &state),
             keeping: AsyncMutex::default(),
+            unused: Mutex::default(),
             servos: Servos::default(),
             recordings: Recordings::new(&state, news.recording.clone()),
             news,
@@ -97,6 +100,19 @@ impl Console {
             pages: watch::Sender::new(0),
             changed: Notify::new(),
         })
+    }
+
+    pub fn unused(&self) -> MutexGuard<'_, Option<String>> {
+        self.unused.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Has the service read the settings.
+    pub async fn reload(&self) -> Result<String, ControlError> {
+        let reloaded = self.control.tell(&Request::Reload {}).await;
+        // A service that is away reads them when it starts.
+        let error = reloaded.as_ref().err().filter(|error| !matches!(error, ControlError::Away));
+        *self.unused() = error.map(ToString::to_string);
+        reloaded
     }
 
     /// Asks for the state of the service as long as the program runs, and publishes it.
@@ -142,6 +158,7 @@ impl Console {
             "running": service.is_object(),
             "trouble": trouble,
             "refused": refused.ok().filter(|faults| !faults.is_empty()),
+            "unused": self.unused().clone().filter(|_| service.is_object()),
             "picture": values.pointer("/console/picture") == Some(&true.into()),
             "operator": null,
             "service": service,

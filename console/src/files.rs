@@ -7,6 +7,13 @@ use std::{
     path::Path,
 };
 
+use tokio::task::spawn_blocking;
+
+/// Works with files on another thread, since a disk may take seconds, in which a release of the servos must not wait.
+pub async fn aside<T: Send + 'static>(work: impl FnOnce() -> io::Result<T> + Send + 'static) -> io::Result<T> {
+    spawn_blocking(work).await.unwrap_or_else(|error| Err(io::Error::other(error)))
+}
+
 /// Replaces a file. After a crash or a power failure at any moment the path has the former content or the new one.
 pub fn write_atomically(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -46,6 +46,15 @@ pub async fn newest(control: &Control) -> Result<Vec<u8>, Refusal> {
     Ok(answer)
 }
 
+/// Asks for the landmarks of the next frame, and the size of its picture.
+pub async fn landmarks(control: &Control) -> Result<Value, Refusal> {
+    let mut line = control.ask(&Request::Landmarks {}).await?.get_mut("picture").map(Value::take).ok_or(UNKNOWN)?;
+    if let Some(line) = line.as_object_mut() {
+        line.retain(|key, _| !matches!(key.as_str(), "format" | "bytes" | "full_range"));
+    }
+    Ok(line)
+}
+
 /// A raw picture of which every n-th pixel and row are left.
 #[derive(Debug, PartialEq)]
 struct Small {

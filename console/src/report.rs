@@ -1,9 +1,13 @@
 //! The report that an owner can send in: what runs where, in which state, without names, addresses and pictures.
 
-use std::{fs, net::IpAddr, net::SocketAddr, process::Stdio};
+use std::{
+    fs, io,
+    net::{IpAddr, SocketAddr},
+    process::Stdio,
+};
 
 use facewire_packet::control::Request;
-use serde_json::Value;
+use serde_json::{Value, json};
 use tokio::process::Command;
 
 use crate::{
@@ -80,12 +84,47 @@ fn settings(text: &str) -> String {
 
 /// The last lines of the log of the service.
 async fn log() -> String {
+    let lines = journal(&["--output", "short-iso", "--no-hostname"]).await;
+    lines.unwrap_or_else(|error| error.to_string())
+}
+
+async fn journal(format: &[&str]) -> io::Result<String> {
     let mut command = Command::new("journalctl");
-    command.args(["--unit", "facewire", "--lines", LOG_LINES, "--output", "short-iso", "--no-hostname", "--no-pager"]);
+    command.args(["--unit", "facewire", "--lines", LOG_LINES, "--no-pager", "--quiet"]).args(format);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    program::run(&mut command, "")
-        .await
-        .map_or_else(|error| format!("there is no journal: {error}"), |output| output.out)
+    let output = program::run(&mut command, "").await;
+    match output {
+        Ok(output) if output.status == Some(0) => Ok(output.out),
+        Ok(output) => Err(io::Error::other(format!("the journal cannot be read: {}", output.err.trim()))),
+        Err(error) => Err(io::Error::other(format!("there is no journal on this machine ({error})"))),
+    }
+}
+
+/// The same lines with their times and levels, the newest first.
+pub async fn log_lines() -> io::Result<Vec<Value>> {
+    let lines = journal(&["--output", "json", "--output-fields", "MESSAGE,PRIORITY"]).await?;
+    Ok(lines.lines().rev().filter_map(entry).collect())
+}
+
+/// Reads an entry of the journal. A line of the service begins with its level, and others have a priority as in syslog.
+fn entry(line: &str) -> Option<Value> {
+    let entry: Value = serde_json::from_str(line).ok()?;
+    let text = |key: &str| entry.get(key).and_then(Value::as_str);
+    let message = text("MESSAGE")?.trim();
+    let time_s = text("__REALTIME_TIMESTAMP")?.parse::<u64>().ok()? / 1_000_000;
+    let (word, rest) = message.split_once(' ').unwrap_or((message, ""));
+    let (level, message) = match word {
+        "ERROR" => ("error", rest),
+        "WARN" => ("warning", rest),
+        "INFO" => ("info", rest),
+        "DEBUG" | "TRACE" => ("debug", rest),
+        _ => match text("PRIORITY").and_then(|priority| priority.parse::<u8>().ok()) {
+            Some(..=3) => ("error", message),
+            Some(4) => ("warning", message),
+            _ => ("info", message),
+        },
+    };
+    Some(json!({"time_s": time_s, "level": level, "text": message}))
 }
 
 /// Replaces network addresses and these names.
@@ -128,6 +167,21 @@ mod tests {
         let names = ["anna".to_owned(), "desk".to_owned()];
         let want = "wearer NAME link to ADDRESS and ADDRESS, host NAME ADDRESS at 12:30:05 jawOpen=0.5";
         assert_eq!(without_names(text, &names), want);
+    }
+
+    #[test]
+    fn entries_of_the_journal_have_levels() {
+        for (message, priority, level, text) in [
+            (" WARN no face", "6", "warning", "no face"),
+            ("ERROR no camera", "6", "error", "no camera"),
+            ("Started facewire", "6", "info", "Started facewire"),
+            ("facewire failed", "3", "error", "facewire failed"),
+        ] {
+            let line = json!({"__REALTIME_TIMESTAMP": "1700000000999999", "PRIORITY": priority, "MESSAGE": message});
+            let want = json!({"time_s": 1_700_000_000, "level": level, "text": text});
+            assert_eq!(entry(&line.to_string()), Some(want));
+        }
+        assert_eq!(entry("no JSON"), None);
     }
 
     #[test]

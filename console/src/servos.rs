@@ -53,6 +53,18 @@ impl Servos {
         )
     }
 
+    /// Refuses whoever is not the operator, while there is one.
+    pub fn must_be_free_for(&self, caller: &Caller) -> Result<(), Refusal> {
+        match &*self.drive() {
+            Some(Session { operator, .. }) if operator.identity != caller.identity => {
+                let who = operator.address;
+                let sentence = format!("{who} moves the servos. Until they let go you may look, and press STOP.\n");
+                Err(Refusal::new(StatusCode::CONFLICT, sentence))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Opens a session with the service, and returns its name. Refused while somebody else has one.
     pub async fn arm(&self, control: &Control, caller: &Caller) -> Result<Token, Refusal> {
         let id = Token::random().map_err(|error| Refusal::failed(&error))?;

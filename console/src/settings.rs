@@ -34,7 +34,7 @@ pub struct Fault {
 #[derive(Debug, Serialize)]
 pub struct OldVersion {
     pub id: String,
-    /// When it was replaced, in seconds since 1970.
+    /// When it was kept, in seconds since 1970.
     pub time_s: f64,
     /// The keys that the next version changed.
     pub summary: String,
@@ -60,20 +60,32 @@ impl SettingsFile {
         }
     }
 
-    /// Keeps the present version for later, and replaces it by a new one.
+    /// Replaces the file by a new version. That is kept for later, too, so that it comes back after somebody has spoilt the
+    /// file with an editor, and so is what an editor has left.
     pub fn keep(&self, text: &str) -> io::Result<()> {
         // Where the file is a link, its target is replaced.
         let path = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         let former = self.text()?;
+        if text == former {
+            return Ok(());
+        }
         let mode = fs::metadata(&path).map_or(0o644, |file| Permissions::mode(&file.permissions()) & 0o777);
         DirBuilder::new().recursive(true).mode(0o700).create(&self.versions)?;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let newest = self.versions()?.pop().map_or(0, |(time_us, _)| time_us);
-        let time_us = u64::try_from(now.as_micros()).unwrap_or(u64::MAX).max(newest + 1);
-        write_atomically(&self.versions.join(format!("{time_us}.toml")), former.as_bytes(), 0o600)?;
+        let newest = self.versions()?.pop();
+        let newest_us = newest.as_ref().map_or(0, |(time_us, _)| *time_us);
+        let time_us = u64::try_from(now.as_micros()).unwrap_or(u64::MAX).max(newest_us + 1);
+        let store = |time_us: u64, text: &str| {
+            write_atomically(&self.versions.join(format!("{time_us}.toml")), text.as_bytes(), 0o600)
+        };
+        if newest.is_none_or(|(_, path)| fs::read_to_string(path).ok().as_ref() != Some(&former)) {
+            store(time_us, &former)?;
+        }
+        store(time_us + 1, text)?;
         write_atomically(&path, text.as_bytes(), mode)?;
         let versions = self.versions()?;
-        for (_, path) in versions.iter().take(versions.len().saturating_sub(MOST_VERSIONS)) {
+        // One of them is the present one.
+        for (_, path) in versions.iter().take(versions.len().saturating_sub(MOST_VERSIONS + 1)) {
             fs::remove_file(path)?;
         }
         Ok(())
@@ -97,6 +109,9 @@ impl SettingsFile {
         let (mut next, mut found) = (self.text()?, Vec::new());
         for (time_us, path) in self.versions()?.into_iter().rev() {
             let text = fs::read_to_string(path)?;
+            if found.is_empty() && text == next {
+                continue;
+            }
             found.push(OldVersion {
                 id: time_us.to_string(),
                 time_s: Duration::from_micros(time_us).as_secs_f64(),
@@ -179,6 +194,22 @@ fn differences(path: &str, old: &Value, new: &Value, keys: &mut BTreeSet<String>
         _ if old != new => drop(keys.insert(path.to_owned())),
         _ => {}
     }
+}
+
+/// Whether a channel of a servo board is set that was not.
+pub fn adds_a_servo(old: &str, new: &str) -> bool {
+    let channels = |text: &str| {
+        let (values, mut found) = (values(text), BTreeSet::new());
+        let links = values.get("link").and_then(Value::as_array).into_iter().flatten();
+        for link in links {
+            let board = ["kind", "device", "bus", "address"].map(|key| link.get(key).map(ToString::to_string));
+            let channels = link.get("channel").and_then(Value::as_array).into_iter().flatten();
+            let number = |channel: &Value| channel.get("channel").and_then(Value::as_i64).unwrap_or_default();
+            found.extend(channels.map(|channel| (board.clone(), number(channel))));
+        }
+        found
+    };
+    !channels(new).is_subset(&channels(old))
 }
 
 /// Changes settings in a text and keeps everything else in it. A key is a path such as `link.0.channel.2.neutral`, and
@@ -364,5 +395,30 @@ mod tests {
         assert!(versions.iter().all(|version| version.summary == "camera.fps"), "{versions:?}");
         assert_eq!(file.old_text(&versions[0].id).unwrap().unwrap(), "[camera]\nfps = 10\n");
         assert_eq!(file.old_text("../facewire").unwrap(), None);
+        // What was kept last comes back after an editor has spoilt the file, and so does what it has left.
+        fs::write(&file.path, "spoilt = true\n").unwrap();
+        assert_eq!(file.old_text(&file.old_versions().unwrap()[0].id).unwrap().unwrap(), "[camera]\nfps = 11\n");
+        file.keep("[camera]\nfps = 12\n").unwrap();
+        let [first, second, ..] = &file.old_versions().unwrap()[..] else { panic!() };
+        let texts = [first, second].map(|version| file.old_text(&version.id).unwrap().unwrap());
+        assert_eq!(texts, ["spoilt = true\n", "[camera]\nfps = 11\n"]);
+    }
+
+    #[test]
+    fn a_servo_is_new_if_its_board_had_no_channel_of_this_number() {
+        let with = |channels: &str| format!("[[link]]\nkind = \"maestro\"\n{channels}");
+        let channel = |number: u32| format!("[[link.channel]]\nchannel = {number}\nneutral = 0.5\n");
+        let (none, one, both) = (with(""), with(&channel(3)), with(&(channel(7) + &channel(3))));
+        for (old, new, is_new) in [
+            (&none, &one, true),
+            (&one, &both, true),
+            (&both, &one, false),
+            (&both, &both.replace("0.5", "0.7"), false),
+            (&one, &one.replace("3", "4"), true),
+            (&one, &one.replace("maestro", "pca9685"), true),
+            (&one, &format!("[[link]]\nkind = \"udp\"\n{one}"), false),
+        ] {
+            assert_eq!(adds_a_servo(old, new), is_new, "{old} {new}");
+        }
     }
 }

@@ -1,11 +1,12 @@
 //! The web server: the page, its parts, and a stream of snapshots for each open page.
 //!
 //! Contract: at most [`MOST_CONNECTIONS`] connections and [`MOST_STREAMS`] streams, each with bounded buffers. A client
-//! that sends no request, or does not read, loses its connection.
+//! that sends no request, or does not read, loses its connection, and so does the least of many clients ([`Places`]).
 
 mod events;
 mod guard;
 mod page;
+mod places;
 mod token;
 
 use std::{
@@ -29,12 +30,17 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use socket2::SockRef;
 use tokio::{
     net::{TcpListener, TcpSocket, TcpStream},
-    sync::{Semaphore, watch},
+    select,
+    sync::watch,
     time::sleep,
 };
 
 pub use self::token::Token;
-use self::{events::Events, guard::Guard};
+use self::{
+    events::Events,
+    guard::Guard,
+    places::{Place, Places},
+};
 use crate::{Failure, access::Role, api, console::Console, hint::Hint, snapshot::Snapshot};
 
 /// A page takes one connection for its stream, and a few while it loads.
@@ -79,8 +85,8 @@ impl Site {
         Self { guard: Guard::new(None, true), events, console: Some(console) }
     }
 
-    async fn respond(&self, request: Request<Incoming>, client: IpAddr) -> Response<Body> {
-        let mut response = self.answer(request, client).await.unwrap_or_else(Refusal::into_response);
+    async fn respond(&self, request: Request<Incoming>, client: IpAddr, place: &Place) -> Response<Body> {
+        let mut response = self.answer(request, client, place).await.unwrap_or_else(Refusal::into_response);
         let headers = response.headers_mut();
         for (name, value) in [
             (header::CONTENT_SECURITY_POLICY, POLICY),
@@ -95,11 +101,22 @@ impl Site {
         response
     }
 
-    async fn answer(&self, request: Request<Incoming>, client: IpAddr) -> Result<Response<Body>, Refusal> {
+    async fn answer(
+        &self,
+        request: Request<Incoming>,
+        client: IpAddr,
+        place: &Place,
+    ) -> Result<Response<Body>, Refusal> {
         let path = self.guard.check(&request)?.to_owned();
+        if self.console.is_none() {
+            place.belongs_to(Some(Role::Look));
+        }
         if let Some(path) = path.strip_prefix("api/1/") {
             let console = self.console.as_ref();
             let caller = console.map(|console| console.access.caller(request.headers(), client));
+            if let Some(caller) = &caller {
+                place.belongs_to(caller.role);
+            }
             if path == "events" && request.method() == Method::GET {
                 caller.as_ref().map_or(Ok(()), |caller| caller.must(Role::Look))?;
                 return self.events.open(console.zip(caller));
@@ -170,34 +187,34 @@ pub fn listen(address: SocketAddr) -> Result<TcpListener, Failure> {
 
 /// Serves for as long as the program runs.
 pub async fn serve(listener: TcpListener, site: Arc<Site>) {
-    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    let places = Places::default();
     loop {
         let Ok((stream, client)) = listener.accept().await else {
             sleep(REFUSED_PAUSE).await;
             continue;
         };
         // If there is no place, the connection is closed at once.
-        if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
+        if let Some(place) = places.enter(MOST_CONNECTIONS) {
             let site = Arc::clone(&site);
-            tokio::spawn(async move {
-                attend(stream, client.ip(), &site, PATIENCE).await;
-                drop(place);
-            });
+            tokio::spawn(async move { attend(stream, client.ip(), &site, PATIENCE, &place).await });
         }
     }
 }
 
 /// Serves one connection until either side closes it.
-async fn attend(stream: TcpStream, client: IpAddr, site: &Site, patience: Duration) {
+async fn attend(stream: TcpStream, client: IpAddr, site: &Site, patience: Duration, place: &Place) {
     // A client that stops reading keeps its connection for this long. These options have an effect on speed and
     // patience alone, so that their failure does no harm.
     let _ = SockRef::from(&stream).set_tcp_user_timeout(Some(patience));
     let _ = stream.set_nodelay(true);
-    let service = service_fn(|request| async move { Ok::<_, Infallible>(site.respond(request, client).await) });
+    let service = service_fn(|request| async move { Ok::<_, Infallible>(site.respond(request, client, place).await) });
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(BUFFER_BYTES);
-    // Ends with an error if the client goes away, which is no fault.
-    let _ = server.serve_connection(TokioIo::new(stream), service).await;
+    select! {
+        // Ends with an error if the client goes away, which is no fault.
+        _ = server.serve_connection(TokioIo::new(stream), service) => {}
+        () = place.lost() => {}
+    }
 }
 
 #[cfg(test)]
@@ -220,9 +237,10 @@ mod tests {
             let (stream, address) = listener.accept().await.unwrap();
             let hint = Hint { place: String::new(), links: Vec::new() };
             let site = Site::of_packets(None, &hint, watch::channel(Snapshot::default()).1);
-            let patience = Duration::from_millis(200);
+            let (patience, place) = (Duration::from_millis(200), Places::default().enter(1).unwrap());
             let ended =
-                tokio::time::timeout(Duration::from_mins(1), attend(stream, address.ip(), &site, patience)).await;
+                tokio::time::timeout(Duration::from_mins(1), attend(stream, address.ip(), &site, patience, &place))
+                    .await;
             assert!(ended.is_ok(), "the connection goes on");
             drop(client);
         });

@@ -128,6 +128,64 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
 }
 
 #[test]
+fn stop_does_not_wait_for_answers_that_do_not_come() {
+    let Some((console, mut browser)) = open("health", PHONE) else { return };
+    console.service.seen.lock().unwrap().is_stuck = true;
+    // A browser has six requests at a time under way, and the console ends those that the service does not answer after 3 s.
+    browser.value(
+        "window.settled = 0; const real = fetch; window.fetch = async (url, options) => { const before = settled; \
+         const answer = await real(url, options); if (url.includes('release')) window.waited = settled - before; return answer; }; \
+         import('./store.js').then(({ get }) => { for (let n = 0; n < 12; n += 1) \
+         get('landmarks?' + n).catch(() => 0).finally(() => { window.settled += 1; }); })",
+    );
+    console.service.until(|seen| seen.requests.iter().filter(|request| request["do"] == "landmarks").count() >= 5);
+    browser.click("STOP");
+    until_asked(&console, &json!({"do": "release", "on": true}));
+    browser.wait_until("window.waited !== undefined");
+    assert_eq!(browser.value("window.waited"), 0, "answers that STOP has waited for");
+    // They are asked again behind it.
+    console.service.seen.lock().unwrap().is_stuck = false;
+    browser.wait_until("window.settled === 12");
+}
+
+#[test]
+fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
+    let Some((_console, mut browser)) = open("live", PHONE) else { return };
+    for (width, height) in [PHONE, DESK] {
+        browser.resize(width, height);
+        for page in PAGES {
+            browser.value(&format!("document.activeElement.blur(), location.hash = '{page}'"));
+            browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+            browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
+            browser.wait_until("document.getElementById('state').textContent === 'live'");
+            browser.value(
+                "window.controls = () => [...document.querySelectorAll('a, button:enabled, input:enabled, select:enabled, \
+                 textarea, summary, [tabindex=\"0\"]')].filter((control) => control.checkVisibility()); \
+                 window.reached = new Set(); 0",
+            );
+            let most = browser.value("controls().length").as_u64().unwrap() + 20;
+            // Whoever tabs sees where the focus is: it has an outline, and neither bar lies over it.
+            let look = "(() => { const at = document.activeElement; if (at === document.body) return ''; \
+                reached.add(at); const { outlineStyle } = getComputedStyle(at); \
+                const { x, y, width, height } = at.getBoundingClientRect(); \
+                const top = document.elementFromPoint(x + width / 2, y + Math.min(height, innerHeight) / 2); \
+                const isSeen = outlineStyle !== 'none' && (at.contains(top) || top?.contains(at)); \
+                return isSeen ? '' : `${at.outerHTML.slice(0, 100)} has the outline ${outlineStyle} and lies below ${top?.outerHTML.slice(0, 60)}`; })()";
+            for _ in 0..most {
+                browser.press("Tab", "Tab");
+                assert_eq!(browser.value(look), "", "{page} at {width}");
+            }
+            let missed =
+                browser.value("controls().filter((control) => !reached.has(control)).map((control) => control.outerHTML.slice(0, 120))");
+            assert!(
+                missed.as_array().unwrap().iter().all(|control| control.as_str().unwrap().contains("radio")),
+                "{page}: {missed}"
+            );
+        }
+    }
+}
+
+#[test]
 fn keys_that_type_or_work_a_control_do_not_stop() {
     let Some((console, mut browser)) = open("wearer", DESK) else { return };
     browser.wait_until("document.querySelector('#page-wearer input')");
@@ -330,6 +388,14 @@ fn the_picture_is_asked_for_again_when_it_is_drawn_and_not_while_the_page_shows_
         || console.service.seen.lock().unwrap().requests.iter().filter(|request| request["do"] == "picture").count();
     assert_eq!(asked(), 0);
     browser.click("Camera");
+    // Landmarks do, until the settings allow the picture.
+    until_asked(&console, &json!({"do": "landmarks"}));
+    browser.wait_until("document.querySelector('.camera canvas').width === 640");
+    assert_eq!(asked(), 0);
+    browser.screenshot("landmarks");
+    browser.click("Allow the picture");
+    browser.wait_for_text("The camera's picture can be seen here.");
+    assert!(console.settings().contains("[console]\npicture = true"), "{}", console.settings());
     console.service.until(|seen| seen.requests.iter().filter(|request| request["do"] == "picture").count() > 3);
     browser.wait_until("document.querySelector('.camera canvas').width === 1280");
     browser.click("Health");

@@ -28,7 +28,7 @@ use tokio::{
 
 use super::{Body, Refusal};
 use crate::{
-    access::Caller,
+    access::{Caller, Role},
     console::{Console, News},
     hint::Hint,
     snapshot::Snapshot,
@@ -36,6 +36,8 @@ use crate::{
 
 /// Least time between two snapshots: browsers draw 60 pictures a second.
 const PERIOD: Duration = Duration::from_nanos(16_666_667);
+/// Streams that those who may only look leave to operators.
+const OPERATORS_STREAMS: usize = 4;
 /// Greatest time between two snapshots, so that a page can tell silence from a lost connection.
 const KEEP_ALIVE: Duration = Duration::from_millis(500);
 
@@ -68,6 +70,10 @@ impl Events {
 
     /// Opens a stream, if there is a place for one more.
     pub fn open(&self, service: Option<(&Arc<Console>, Caller)>) -> Result<Response<Body>, Refusal> {
+        let may_only_look = service.as_ref().is_some_and(|(_, caller)| caller.role < Some(Role::Operate));
+        if may_only_look && self.places.available_permits() <= OPERATORS_STREAMS {
+            return Err(FULL);
+        }
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| FULL)?;
         let (sender, body) = Channel::new(1);
         let news = service.map(|(console, caller)| Subscription::new(console, caller));

@@ -57,6 +57,10 @@ pub struct Seen {
     pub lines: Vec<(Instant, Value)>,
     /// When each drive has ended.
     pub ended: Vec<Instant>,
+    /// Why settings are not used.
+    pub refusal: Option<String>,
+    /// Whether requests for landmarks get no answer.
+    pub is_stuck: bool,
 }
 
 /// A service in this process.
@@ -87,7 +91,7 @@ impl Service {
     /// The requests that change something.
     pub fn changes(&self) -> Vec<Value> {
         let seen = self.seen.lock().unwrap();
-        let reads = ["status", "watch", "list", "picture"];
+        let reads = ["status", "watch", "list", "picture", "landmarks"];
         seen.requests.iter().filter(|request| !reads.iter().any(|read| request["do"] == *read)).cloned().collect()
     }
 
@@ -161,6 +165,19 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
                 json!({"picture": {"format": "yuyv", "width": 1280, "height": 720, "bytes": 1280 * 720 * 2, "time_us": 5, "landmarks": null}}),
             )?;
             stream.write_all(&[128; 1280 * 720 * 2]).ok()
+        }
+        "landmarks" => {
+            while seen.lock().unwrap().is_stuck {
+                thread::sleep(Duration::from_millis(5));
+            }
+            let places: Vec<[f32; 2]> = (0..478_u16).map(|k| [f32::from(k), 100.0]).collect();
+            say(
+                json!({"picture": {"format": "grey", "width": 640, "height": 480, "bytes": 0, "time_us": 5, "landmarks": places}}),
+            )
+        }
+        "reload" => {
+            let refusal = seen.lock().unwrap().refusal.clone();
+            say(refusal.map_or(json!({"done": "it is done"}), |why| json!({"refused": why})))
         }
         "drive" => {
             say(json!({"driving": true}))?;

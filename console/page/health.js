@@ -1,7 +1,7 @@
 // How the service and its board are: the last hour as plots, what is wrong now, the check, and a report to send in.
 
 import { Chart } from "./chart.js";
-import { Action, bytes, Trouble, useAnswer, useEvery } from "./common.js";
+import { Action, bytes, time, Trouble, useAnswer, useEvery } from "./common.js";
 import { impairments, present } from "./impaired.js";
 import { ask, post, useStore } from "./store.js";
 import { html, useState } from "./vendor/preact.js";
@@ -18,6 +18,7 @@ export function Health() {
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     ${history && html`<${Plots} history=${history} />`}
     <${Check} />
+    <${Log} />
     <div class="panel"><h3>Report</h3>
       <p>Versions, board, settings without addresses, state and log. It holds no name, no address and no picture. Read it before you send it.</p>
       <${Action} needsRole=${false} run=${save}>Save the report<//></div>`;
@@ -25,13 +26,13 @@ export function Health() {
 
 function Now({ status }) {
   const { metrics, version } = status?.service ?? {};
-  const { load, temperature_c: temperature, supply_v: supply } = status?.board ?? {};
+  const { load, temperature_c: temperature, undervoltage } = status?.board ?? {};
   const facts = [
     ["service", status?.running ? "runs" : "stopped"],
     ["version", version ?? "–"],
     ["load (1: one core)", load === undefined || load === null ? "–" : load.toFixed(2)],
     ["temperature", temperature ? `${temperature.toFixed(0)} °C` : "–"],
-    ...(supply ? [["supply", `${supply.toFixed(2)} V`]] : []),
+    ["supply voltage", undervoltage === true ? "too low" : undervoltage === false ? "enough" : "–"],
     ["adaptation", present(metrics, "facewire_step").join(", ") || "–"],
     ["free space", status?.free_bytes ? bytes(status.free_bytes) : "–"],
   ];
@@ -73,6 +74,30 @@ function Check() {
       )}</ul>`
     }
   </div>`;
+}
+
+const LEVELS = ["debug", "info", "warning", "error"];
+
+function Log() {
+  const [isOpen, setOpen] = useState(false);
+  return html`<details class="panel" onToggle=${(event) => setOpen(event.target.open)}><summary>Log of the service</summary>
+    ${isOpen && html`<${LogLines} />`}</details>`;
+}
+
+function LogLines() {
+  const [answer, trouble, reload] = useAnswer("log");
+  const [least, setLeast] = useState("info");
+  useEvery(HISTORY_PERIOD_MS, reload);
+  if (trouble) return html`<${Trouble}>${trouble}<//>`;
+  const lines = answer?.lines.filter(({ level }) => LEVELS.indexOf(level) >= LEVELS.indexOf(least));
+  return html`<label>Show<select value=${least} onChange=${(event) => setLeast(event.target.value)}>
+      <option value="debug">everything</option><option value="info">all but details</option>
+      <option value="warning">warnings and errors</option><option value="error">errors</option></select></label>
+    ${lines?.length === 0 && html`<p>The log has no such line.</p>`}
+    <ul class="check-lines" aria-label="The log, the newest line first">${lines?.map(
+      ({ time_s: at, level, text }, index) => html`<li key=${index}
+        class=${level === "error" ? "failure" : level}><small class="dim">${time(at)} ${level}</small> ${text}</li>`,
+    )}</ul>`;
 }
 
 async function save() {

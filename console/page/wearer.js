@@ -2,6 +2,7 @@
 
 import { Action, time, Trouble, useAnswer } from "./common.js";
 import { Face } from "./face/face.js";
+import { Picture } from "./picture.js";
 import { REFUSALS, TAKES } from "./poses.js";
 import { post, update, useStore } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
@@ -32,7 +33,7 @@ export function Wearer() {
       !isRunning &&
       html`<div class="panel">
       <h3>Calibrate</h3>
-      <p>Eleven poses of some seconds each teach facewire a face. Sit as you will sit later, with light from the front. The head here shows each pose.</p>
+      <p>Eleven poses of some seconds each teach facewire a face. Sit as you will sit later, with light from the front. A head shows each pose, beside your own picture or landmarks.</p>
       <div class="row">
         <label class="grow">Name of the wearer<input value=${name} onInput=${(event) => setName(event.target.value)}
           autocomplete="off" autocapitalize="none" /></label>
@@ -83,7 +84,7 @@ function Guide({ progress }) {
     ended: "Done.",
   }[phase];
   return html`<section class="panel guide" aria-label="Calibration">
-    <${Head} raised=${raised} />
+    <div class="pictures"><${Picture} isPlain /><${Head} raised=${raised} /></div>
     <div>
       <p class="dim">Pose ${Math.min(done + 1, of)} of ${of}</p>
       <h3 aria-live="polite">${instruction}</h3>

@@ -221,11 +221,12 @@ mod tests {
 
     #[test]
     fn the_documents_name_every_request_of_the_control_socket() {
-        let lines = include_str!("../../docs/calibration.md").lines().map(str::trim);
-        let requests = lines.filter_map(|line| serde_json::from_str(&line[..=line.find('}')?]).ok());
+        let rows = include_str!("../../docs/service.md").lines().filter_map(|line| line.strip_prefix("| `"));
+        let requests = rows.filter_map(|row| serde_json::from_str(&row[..=row.find('}')?]).ok());
         let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
         let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
         let all = [calibrate, choose, Request::List {}, Request::Delete { wearer: anna }, Request::Record {}];
-        assert_eq!(requests.collect::<Vec<Request>>(), all);
+        let named: Vec<Request> = requests.collect();
+        assert!(all.iter().all(|request| named.contains(request)), "{named:?}");
     }
 }

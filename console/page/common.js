@@ -49,8 +49,11 @@ export function useEvery(period, call) {
     const timer = setInterval(async () => {
       if (isBusy || document.visibilityState !== "visible") return;
       isBusy = true;
-      await latest.current();
-      isBusy = false;
+      try {
+        await latest.current();
+      } finally {
+        isBusy = false;
+      }
     }, period);
     return () => clearInterval(timer);
   }, [period]);

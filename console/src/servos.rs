@@ -57,9 +57,7 @@ impl Servos {
     pub fn must_be_free_for(&self, caller: &Caller) -> Result<(), Refusal> {
         match &*self.drive() {
             Some(Session { operator, .. }) if operator.identity != caller.identity => {
-                let who = operator.address;
-                let sentence = format!("{who} moves the servos. Until they let go you may look, and press STOP.\n");
-                Err(Refusal::new(StatusCode::CONFLICT, sentence))
+                Err(occupied(operator, "Until they let go you may look, and press STOP."))
             }
             _ => Ok(()),
         }
@@ -71,9 +69,7 @@ impl Servos {
         let (lines, waiting) = mpsc::channel(MOST_LINES);
         match &mut *self.drive() {
             Some(Session { operator, .. }) => {
-                let who = operator.address;
-                let sentence = format!("{who} moves the servos. Wait until they are let go, or press STOP.\n");
-                return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+                return Err(occupied(operator, "Wait until they are let go, or press STOP."));
             }
             // Taken before the service answers, so that two who arm at the same moment do not both ask.
             empty => *empty = Some(Session { id: id.clone(), operator: caller.clone(), lines }),
@@ -104,6 +100,10 @@ impl Servos {
     pub fn disarm(&self, id: &str) {
         self.drive().take_if(|drive| drive.id.is(id));
     }
+}
+
+fn occupied(operator: &Caller, advice: &str) -> Refusal {
+    Refusal::new(StatusCode::CONFLICT, format!("{} moves the servos. {advice}\n", operator.address))
 }
 
 /// Makes room for the next operator, however a session ends.

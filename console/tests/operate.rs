@@ -55,6 +55,15 @@ fn axe() -> Option<String> {
     std::fs::read_to_string(cache.join("facewire/axe/node_modules/axe-core/axe.min.js")).ok()
 }
 
+/// Opens a page, and waits until it shows what it has asked of the console.
+fn turn_to(browser: &mut Browser, page: &str) {
+    browser.value(&format!("location.hash = '{page}'"));
+    browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+    // Every page but the first waits for an answer of the console.
+    browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+}
+
 #[test]
 fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
     let Some((console, mut browser)) = open("live", PHONE) else { return };
@@ -66,11 +75,7 @@ fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
     for ((width, height), device) in [(PHONE, "phone"), (DESK, "desk")] {
         browser.resize(width, height);
         for page in PAGES {
-            browser.value(&format!("location.hash = '{page}'"));
-            browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
-            // Every page but the first waits for an answer of the console.
-            browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
-            browser.wait_until("document.getElementById('state').textContent === 'live'");
+            turn_to(&mut browser, page);
             browser.screenshot(&format!("{page} on a {device}"));
             let excess = browser
                 .value("(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)(document.documentElement)");
@@ -154,10 +159,8 @@ fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
     for (width, height) in [PHONE, DESK] {
         browser.resize(width, height);
         for page in PAGES {
-            browser.value(&format!("document.activeElement.blur(), location.hash = '{page}'"));
-            browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
-            browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
-            browser.wait_until("document.getElementById('state').textContent === 'live'");
+            browser.value("document.activeElement.blur()");
+            turn_to(&mut browser, page);
             browser.value(
                 "window.controls = () => [...document.querySelectorAll('a, button:enabled, input:enabled, select:enabled, \
                  textarea, summary, [tabindex=\"0\"]')].filter((control) => control.checkVisibility()); \
@@ -177,6 +180,7 @@ fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
             }
             let missed =
                 browser.value("controls().filter((control) => !reached.has(control)).map((control) => control.outerHTML.slice(0, 120))");
+            // Tab reaches one radio button of each group.
             assert!(
                 missed.as_array().unwrap().iter().all(|control| control.as_str().unwrap().contains("radio")),
                 "{page}: {missed}"

@@ -2,8 +2,9 @@
 """Judges the coefficients on films of real people by movements that were marked by eye.
 
 `tests/real-events.csv` names intervals of frames in which a movement is clearly present, and others in which it is clearly
-absent. They were marked before any estimate was seen. The score of an interval is the highest estimate in it. An event
-counts as found, and an absent one as a false alarm, if its score reaches the threshold. The columns are
+absent. The first marks were made before any estimate was seen. Afterwards, 8 places that two trackers contradicted were corrected
+(README.md). The score of an interval is the highest estimate in it. An event counts as found, and an interval of absence
+as a false alarm, if its score reaches the threshold. The columns are
 
     F1    2 * found / (2 * found + missed + false alarms)
     J     share of the events that are found, minus share of the absent ones that are false alarms (Youden's index)

@@ -45,7 +45,7 @@ const release = (on) => postFirst("servos/release", { on });
 // Stops all servos. The button shows that they are stopped as soon as the service says so.
 function Stop() {
   const [trouble, setTrouble] = useState();
-  // A connection that the console has closed meanwhile fails the first time.
+  // The first try fails if the console has closed the idle connection meanwhile.
   const stop = () =>
     release(true)
       .catch(() => release(true))

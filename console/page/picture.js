@@ -8,8 +8,7 @@ import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
 const RETRY_MS = 1000;
 
-// Without controls where there is little room.
-export function Picture({ isPlain }) {
+export function Picture({ hidesControls }) {
   const canvas = useRef();
   const isAllowed = useStore().status?.picture === true;
   const [trouble, setTrouble] = useState();
@@ -27,7 +26,7 @@ export function Picture({ isPlain }) {
       aria-label=${isBlack ? "Landmarks of the face on black" : "The camera's picture with the landmarks of the face"}></canvas>
     ${trouble && html`<p class="notice warn" role="status">${trouble.message}</p>`}
     ${
-      !isPlain &&
+      !hidesControls &&
       (isAllowed
         ? html`<label class="check"><input type="checkbox" checked=${wantsBlack}
         onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>`
@@ -56,7 +55,7 @@ async function watch(show) {
       await new Promise(requestAnimationFrame);
     } catch (error) {
       if (show.isOver) return;
-      // A question that made way for another request is asked again.
+      // A request that STOP has ended is no fault: it is sent again.
       if (error.name !== "AbortError") show.setTrouble(error);
       await new Promise((done) => setTimeout(done, RETRY_MS));
     }

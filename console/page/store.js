@@ -63,13 +63,13 @@ export function open() {
   );
 }
 
-// All requests that change nothing. A browser has six requests at a time under way, and one more waits for them.
-let questions = new AbortController();
+// Ends the GET requests that are under way. A browser sends at most six requests at a time, and a seventh waits for them.
+let pendingGets = new AbortController();
 
-// Sends a request before all others that wait: those that change nothing end, and are asked again behind it.
+// Sends a POST at once: all GET requests end, and `ask` sends them again after it.
 export function postFirst(path, body) {
-  questions.abort();
-  questions = new AbortController();
+  pendingGets.abort();
+  pendingGets = new AbortController();
   return post(path, body, { priority: "high", keepalive: true });
 }
 
@@ -79,7 +79,7 @@ export async function ask(path, body, options = {}) {
     body === undefined
       ? {}
       : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
-  const { signal } = body === undefined ? questions : {};
+  const { signal } = body === undefined ? pendingGets : {};
   const answer = await fetch(`api/1/${path}`, { ...post, signal, ...options }).catch(() => {
     if (signal?.aborted) return undefined;
     throw new Error("The console does not answer. Check that it runs, and that this device is in its network.");

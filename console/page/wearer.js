@@ -84,7 +84,7 @@ function Guide({ progress }) {
     ended: "Done.",
   }[phase];
   return html`<section class="panel guide" aria-label="Calibration">
-    <div class="pictures"><${Picture} isPlain /><${Head} raised=${raised} /></div>
+    <div class="pictures"><${Picture} hidesControls /><${Head} raised=${raised} /></div>
     <div>
       <p class="dim">Pose ${Math.min(done + 1, of)} of ${of}</p>
       <h3 aria-live="polite">${instruction}</h3>

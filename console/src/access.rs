@@ -24,7 +24,7 @@ use tokio::{
 };
 
 use crate::{
-    files::{aside, write_atomically},
+    files::{on_another_thread, write_atomically},
     web::{Refusal, Token},
 };
 
@@ -113,7 +113,7 @@ pub struct Access {
     state: Mutex<State>,
     /// One hash at a time bounds memory and the load that strangers can cause.
     hashing: Semaphore,
-    /// Held while a change is kept.
+    /// Held while the file is written, so that one change at a time is kept.
     keeping: AsyncMutex<()>,
 }
 
@@ -228,7 +228,7 @@ impl Access {
         change(&mut kept);
         let bytes = serde_json::to_vec(&kept).map_err(|error| Refusal::failed(&error))?;
         let path = self.path.clone();
-        aside(move || write_atomically(&path, &bytes, 0o600)).await?;
+        on_another_thread(move || write_atomically(&path, &bytes, 0o600)).await?;
         self.state().kept = kept;
         Ok(())
     }

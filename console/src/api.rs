@@ -20,7 +20,7 @@ use crate::{
     access::{Caller, Role, Secret},
     console::{Console, sentence},
     control::ControlError,
-    files::aside,
+    files::on_another_thread,
     report,
     settings::{self, Fault},
     web::{Body, Refusal},
@@ -52,9 +52,9 @@ const NO_HELPER: Refusal = Refusal::fixed(
 const CALIBRATING: Refusal =
     Refusal::fixed(StatusCode::CONFLICT, "A calibration is in progress. Wait until it ends, or cancel it.\n");
 
-/// What somebody may do while somebody else moves servos: what changes nothing, and to come, go and press STOP. Each drive has
-/// a name that only its operator knows.
-const OPEN_TO_SECOND: [&str; 8] = [
+/// What is open to all operators while one of them moves servos: to judge and edit a draft, to log in and out, to set a new
+/// password, and to press STOP. `servos/drive` and `servos/disarm` need the token that only the driving operator has.
+const OPEN_WHILE_ANOTHER_DRIVES: [&str; 8] = [
     "login",
     "logout",
     "password",
@@ -175,7 +175,7 @@ impl Call<'_> {
     async fn post(&self, path: &str, body: Incoming) -> Answer {
         let Self { console, caller, headers } = *self;
         let (control, recordings) = (&console.control, &console.recordings);
-        if !OPEN_TO_SECOND.contains(&path) {
+        if !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
             console.servos.must_be_free_for(caller)?;
         }
         let most_bytes = if path.starts_with("settings/") { MOST_SETTINGS_BODY_BYTES } else { MOST_BODY_BYTES };
@@ -273,7 +273,7 @@ impl Call<'_> {
             }
             "recordings/delete" => {
                 let (recordings, name) = (recordings.clone(), body.read::<File>().await?.name);
-                aside(move || Ok(recordings.delete(&name))).await??;
+                on_another_thread(move || Ok(recordings.delete(&name))).await??;
                 "the recording is deleted".to_owned()
             }
             "recordings/play" => {
@@ -315,7 +315,7 @@ impl Call<'_> {
         let console = self.console;
         let text = console.settings.text()?;
         let old = Arc::clone(console);
-        let versions = aside(move || old.settings.old_versions()).await?;
+        let versions = on_another_thread(move || old.settings.old_versions()).await?;
         let schema = console.program.run(&["defaults", "--schema"], "").await?;
         let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
         Ok(json!({
@@ -440,13 +440,13 @@ async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Ans
     if base.is_some_and(|base| base != settings::hash(&former)) {
         return Err(CHANGED);
     }
-    // A servo that is new moves where nobody has tried it yet, as soon as it gets pulses.
+    // As soon as a new servo gets pulses, it moves to a position that nobody has tried.
     let mut is_released = false;
     if settings::adds_a_servo(&former, &text) {
         is_released = console.control.tell(&Command::Release { on: true }).await.is_ok();
     }
     let (keeper, new) = (Arc::clone(console), text.clone());
-    aside(move || keeper.settings.keep(&new)).await?;
+    on_another_thread(move || keeper.settings.keep(&new)).await?;
     let mut done = match console.reload().await {
         Ok(done) => done,
         Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),

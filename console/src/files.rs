@@ -9,8 +9,10 @@ use std::{
 
 use tokio::task::spawn_blocking;
 
-/// Works with files on another thread, since a disk may take seconds, in which a release of the servos must not wait.
-pub async fn aside<T: Send + 'static>(work: impl FnOnce() -> io::Result<T> + Send + 'static) -> io::Result<T> {
+/// Runs work with files on another thread. A disk can take seconds, and a release of the servos must not wait for it.
+pub async fn on_another_thread<T: Send + 'static>(
+    work: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> io::Result<T> {
     spawn_blocking(work).await.unwrap_or_else(|error| Err(io::Error::other(error)))
 }
 

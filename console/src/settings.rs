@@ -34,7 +34,7 @@ pub struct Fault {
 #[derive(Debug, Serialize)]
 pub struct OldVersion {
     pub id: String,
-    /// When it was kept, in seconds since 1970.
+    /// When it was stored, in seconds since 1970.
     pub time_s: f64,
     /// The keys that the next version changed.
     pub summary: String,
@@ -60,8 +60,8 @@ impl SettingsFile {
         }
     }
 
-    /// Replaces the file by a new version. That is kept for later, too, so that it comes back after somebody has spoilt the
-    /// file with an editor, and so is what an editor has left.
+    /// Replaces the file by this text, and stores the text as a version, so that it can be restored after somebody has damaged
+    /// the file with an editor. What an editor has changed is stored as a version first.
     pub fn keep(&self, text: &str) -> io::Result<()> {
         // Where the file is a link, its target is replaced.
         let path = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());

@@ -1,7 +1,7 @@
 //! The web server: the page, its parts, and a stream of snapshots for each open page.
 //!
 //! Contract: at most [`MOST_CONNECTIONS`] connections and [`MOST_STREAMS`] streams, each with bounded buffers. A client
-//! that sends no request, or does not read, loses its connection, and so does the least of many clients ([`Places`]).
+//! that sends no request, or does not read, loses its connection. Where there are too many, one makes room ([`Places`]).
 
 mod events;
 mod guard;
@@ -109,13 +109,13 @@ impl Site {
     ) -> Result<Response<Body>, Refusal> {
         let path = self.guard.check(&request)?.to_owned();
         if self.console.is_none() {
-            place.belongs_to(Some(Role::Look));
+            place.set_role(Some(Role::Look));
         }
         if let Some(path) = path.strip_prefix("api/1/") {
             let console = self.console.as_ref();
             let caller = console.map(|console| console.access.caller(request.headers(), client));
             if let Some(caller) = &caller {
-                place.belongs_to(caller.role);
+                place.set_role(caller.role);
             }
             if path == "events" && request.method() == Method::GET {
                 caller.as_ref().map_or(Ok(()), |caller| caller.must(Role::Look))?;

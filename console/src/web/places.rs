@@ -32,7 +32,7 @@ impl Places {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a place. If so many are taken, the oldest connection of the least role loses its own. `None` if all belong to
+    /// Takes a place. If `most` are taken, the oldest connection with the least rights loses its own. `None` if all belong to
     /// operators.
     pub fn enter(&self, most: usize) -> Option<Place> {
         let mut open = self.open();
@@ -56,8 +56,8 @@ impl Connection {
 }
 
 impl Place {
-    /// Notes who has sent a request.
-    pub fn belongs_to(&self, role: Option<Role>) {
+    /// Notes the role in which a request came.
+    pub fn set_role(&self, role: Option<Role>) {
         *self.0.role.lock().unwrap_or_else(PoisonError::into_inner) = role;
     }
 
@@ -82,15 +82,15 @@ mod tests {
         let places = Places::default();
         let enter = || places.enter(3).unwrap();
         let (operator, looker, stranger) = (enter(), enter(), enter());
-        operator.belongs_to(Some(Role::Operate));
-        looker.belongs_to(Some(Role::Look));
+        operator.set_role(Some(Role::Operate));
+        looker.set_role(Some(Role::Look));
         let is_open = |place: &Place| places.open().iter().any(|connection| Arc::ptr_eq(connection, &place.0));
         let second = enter();
         assert!(is_open(&operator) && is_open(&looker) && !is_open(&stranger));
-        second.belongs_to(Some(Role::Operate));
+        second.set_role(Some(Role::Operate));
         let third = enter();
         assert!(is_open(&second) && is_open(&third) && !is_open(&looker));
-        third.belongs_to(Some(Role::Operate));
+        third.set_role(Some(Role::Operate));
         assert!(places.enter(3).is_none());
         drop(operator);
         assert!(places.enter(3).is_some());

@@ -1,7 +1,7 @@
 // The frame around all pages: where to go, the state, the stop of all servos, and what everybody must know at once.
 
 import { html, render, useEffect, useState } from "./vendor/preact.js";
-import { Action } from "./common.js";
+import { Action, sentence } from "./common.js";
 import { DraftBar, restoreLast } from "./draft.js";
 import { Health } from "./health.js";
 import { Links } from "./links.js";
@@ -76,8 +76,6 @@ function isStop({ key, target }) {
   return key === " " && !isTyping && !target.matches?.("button, a, summary, input:not([type=range])");
 }
 
-const beginning = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
-
 function Banners({ page }) {
   const { connection, status, session } = store;
   const banner = (kind, text, rest) =>
@@ -97,7 +95,7 @@ function Banners({ page }) {
       !status.running &&
       banner(
         "bad",
-        beginning(status.trouble ?? "the service does not run"),
+        sentence(status.trouble ?? "the service does not run"),
         html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`,
       )
     }
@@ -110,10 +108,10 @@ function Banners({ page }) {
       )
     }
     ${
-      status?.unused &&
+      status?.service?.settings_refused &&
       banner(
         "bad",
-        `The service goes on with its former settings. Those that were kept last do not work: ${status.unused}`,
+        `The service refuses the settings that were kept last, and goes on with the former ones: ${status.service.settings_refused}`,
         html`<${Action} run=${() => post("settings/reload")}>Try them again<//>
         <${Action} run=${restoreLast}>Back to the last that worked<//>`,
       )

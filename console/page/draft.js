@@ -2,7 +2,7 @@
 // its difference was shown.
 
 import { html, useState } from "./vendor/preact.js";
-import { Action } from "./common.js";
+import { Action, sentence } from "./common.js";
 import { get, mayOperate, post, update, useStore } from "./store.js";
 
 // `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets. `used` is what the file
@@ -95,10 +95,11 @@ async function replace(path, body) {
   return answer;
 }
 
-// The versions begin with the newest. One that has faults itself is passed over.
+// The versions begin with the newest. Those that the service has refused, or that have faults, are passed over.
 export async function restoreLast() {
   await reload();
-  for (const { id } of draft.versions ?? []) {
+  for (const { id, refused } of draft.versions ?? []) {
+    if (refused) continue;
     try {
       return await restore(id);
     } catch (error) {
@@ -121,7 +122,7 @@ export function DraftBar() {
   if (!isChanged())
     return (
       draft.said &&
-      html`<aside id="kept" class="row spread" role="status"><span>Kept: ${draft.said}.</span>
+      html`<aside id="kept" class="row spread" role="status"><span>${sentence(draft.said)}</span>
       <button type="button" class="small" onClick=${() => set({ said: undefined })}>Close</button></aside>`
     );
   const { faults, changed } = draft;

@@ -188,8 +188,8 @@ function Versions() {
   if (!draft.versions?.length)
     return html`<p class="panel">No earlier version is kept yet. The last ten are kept from now on.</p>`;
   return html`<ul class="list">${draft.versions.map(
-    ({ id, time_s: at, summary }) => html`<li class="panel" key=${id}>
-    <p><b>${time(at)}</b> ${summary}</p>
+    ({ id, time_s: at, summary, refused }) => html`<li class="panel" key=${id}>
+    <p><b>${time(at)}</b> ${summary} ${refused && html`<span class="state-bad">Refused by the service.</span>`}</p>
     <div class="row">
       <${Action} needsRole=${false} run=${() => show(id)}>${shown?.id === id ? "Hide" : "Difference to now"}<//>
       <${Action} run=${() => restore(id)}>Go back to it<//>

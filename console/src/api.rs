@@ -52,18 +52,10 @@ const NO_HELPER: Refusal = Refusal::fixed(
 const CALIBRATING: Refusal =
     Refusal::fixed(StatusCode::CONFLICT, "A calibration is in progress. Wait until it ends, or cancel it.\n");
 
-/// What is open to all operators while one of them moves servos: to judge and edit a draft, to log in and out, to set a new
-/// password, and to press STOP. `servos/drive` and `servos/disarm` need the token that only the driving operator has.
-const OPEN_WHILE_ANOTHER_DRIVES: [&str; 8] = [
-    "login",
-    "logout",
-    "password",
-    "settings/check",
-    "settings/edit",
-    "servos/release",
-    "servos/drive",
-    "servos/disarm",
-];
+/// What is open to all operators while one of them moves servos: to judge and edit a draft, to log in and out, and to press
+/// STOP. `servos/drive` and `servos/disarm` need the token that only the driving operator has.
+const OPEN_WHILE_ANOTHER_DRIVES: [&str; 7] =
+    ["login", "logout", "settings/check", "settings/edit", "servos/release", "servos/drive", "servos/disarm"];
 
 type Answer = Result<Response<Body>, Refusal>;
 
@@ -441,19 +433,28 @@ async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Ans
         return Err(CHANGED);
     }
     // As soon as a new servo gets pulses, it moves to a position that nobody has tried.
-    let mut is_released = false;
-    if settings::adds_a_servo(&former, &text) {
-        is_released = console.control.tell(&Command::Release { on: true }).await.is_ok();
+    let has_new_servo = settings::adds_a_servo(&former, &text);
+    if has_new_servo && let Err(error) = console.control.tell(&Command::Release { on: true }).await {
+        // A service that is away moves nothing.
+        if !matches!(error, ControlError::Away) {
+            return Err(Refusal::new(
+                StatusCode::CONFLICT,
+                format!("A servo is new, but the service did not release the servos, so nothing is kept: {error}.\n"),
+            ));
+        }
     }
     let (keeper, new) = (Arc::clone(console), text.clone());
     on_another_thread(move || keeper.settings.keep(&new)).await?;
-    let mut done = match console.reload().await {
-        Ok(done) => done,
-        Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
-        Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
+    let (mut done, is_away) = match console.reload().await {
+        Ok(done) => (done, false),
+        Err(ControlError::Away) => ("the settings are kept for the next start of the service".to_owned(), true),
+        Err(error) => (format!("the settings are kept, but the service goes on with the former ones: {error}"), false),
     };
-    if is_released {
-        done += ". A servo is new: all servos are released until you let them move again";
+    if has_new_servo {
+        done += match is_away {
+            true => ". A servo is new: it moves as soon as the service starts",
+            false => ". A servo is new: all servos are released until you let them move again",
+        };
     }
     console.changed.notify_one();
     Ok(ok(&json!({"done": done, "text": text, "hash": settings::hash(&text), "values": settings::values(&text)})))

@@ -4,7 +4,7 @@ use std::{
     env, io,
     os::unix::fs::DirBuilderExt as _,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
@@ -21,6 +21,7 @@ use crate::{
     access::Access,
     args::Args,
     control::{Control, ControlError},
+    files::on_another_thread,
     program::Program,
     recordings::Recordings,
     servos::Servos,
@@ -60,8 +61,6 @@ pub struct Console {
     pub settings: SettingsFile,
     /// Held while settings are compared and kept.
     pub keeping: AsyncMutex<()>,
-    /// Why the service does not use the settings that were kept last.
-    pub unused: Mutex<Option<String>>,
     pub servos: Servos,
     pub recordings: Recordings,
     pub news: News,
@@ -89,7 +88,6 @@ impl Console {
             program: Program::new(args.helper.clone()),
             settings: SettingsFile::new(std::path::absolute(config)?, &state),
             keeping: AsyncMutex::default(),
-            unused: Mutex::default(),
             servos: Servos::default(),
             recordings: Recordings::new(&state, news.recording.clone()),
             news,
@@ -102,16 +100,18 @@ impl Console {
         })
     }
 
-    pub fn unused(&self) -> MutexGuard<'_, Option<String>> {
-        self.unused.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Has the service read the settings.
-    pub async fn reload(&self) -> Result<String, ControlError> {
+    pub async fn reload(self: &Arc<Self>) -> Result<String, ControlError> {
         let reloaded = self.control.tell(&Request::Reload {}).await;
-        // A service that is away reads them when it starts.
-        let error = reloaded.as_ref().err().filter(|error| !matches!(error, ControlError::Away));
-        *self.unused() = error.map(ToString::to_string);
+        let is_refused = match &reloaded {
+            Ok(_) => false,
+            Err(ControlError::Refused(_)) => true,
+            // A service that is away, or does not answer, has not judged them.
+            Err(_) => return reloaded,
+        };
+        // Where the mark cannot be written, as on a full disk, these settings are offered again.
+        let console = Arc::clone(self);
+        let _ = on_another_thread(move || console.settings.mark(is_refused)).await;
         reloaded
     }
 
@@ -158,7 +158,6 @@ impl Console {
             "running": service.is_object(),
             "trouble": trouble,
             "refused": refused.ok().filter(|faults| !faults.is_empty()),
-            "unused": self.unused().clone().filter(|_| service.is_object()),
             "picture": values.pointer("/console/picture") == Some(&true.into()),
             "operator": null,
             "service": service,

@@ -18,6 +18,7 @@ use crate::{files::write_atomically, program::Program};
 
 /// The former versions that are kept.
 const MOST_VERSIONS: usize = 10;
+const REFUSED: &str = ".refused";
 /// Settings that are longer are refused. The defaults with all comments have 20 kB.
 pub const MOST_BYTES: usize = 128 * 1024;
 
@@ -38,6 +39,27 @@ pub struct OldVersion {
     pub time_s: f64,
     /// The keys that the next version changed.
     pub summary: String,
+    /// Whether the service has refused it.
+    pub refused: bool,
+}
+
+/// The file of a version. Its name is the time, and `.refused` before `.toml` if the service has refused it.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Version {
+    time_us: u64,
+    path: PathBuf,
+}
+
+impl Version {
+    fn of(path: PathBuf) -> Option<Self> {
+        let name = path.file_name()?.to_str()?.strip_suffix(".toml")?;
+        let time_us = name.strip_suffix(REFUSED).unwrap_or(name).parse().ok()?;
+        Some(Self { time_us, path })
+    }
+
+    fn is_refused(&self) -> bool {
+        self.path.file_stem().is_some_and(|name| name.to_string_lossy().ends_with(REFUSED))
+    }
 }
 
 /// The file of the settings, and the folder of its former versions.
@@ -73,33 +95,41 @@ impl SettingsFile {
         DirBuilder::new().recursive(true).mode(0o700).create(&self.versions)?;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let newest = self.versions()?.pop();
-        let newest_us = newest.as_ref().map_or(0, |(time_us, _)| *time_us);
+        let newest_us = newest.as_ref().map_or(0, |newest| newest.time_us);
         let time_us = u64::try_from(now.as_micros()).unwrap_or(u64::MAX).max(newest_us + 1);
         let store = |time_us: u64, text: &str| {
             write_atomically(&self.versions.join(format!("{time_us}.toml")), text.as_bytes(), 0o600)
         };
-        if newest.is_none_or(|(_, path)| fs::read_to_string(path).ok().as_ref() != Some(&former)) {
+        if newest.is_none_or(|newest| fs::read_to_string(newest.path).ok().as_ref() != Some(&former)) {
             store(time_us, &former)?;
         }
         store(time_us + 1, text)?;
         write_atomically(&path, text.as_bytes(), mode)?;
         let versions = self.versions()?;
         // One of them is the present one.
-        for (_, path) in versions.iter().take(versions.len().saturating_sub(MOST_VERSIONS + 1)) {
-            fs::remove_file(path)?;
+        for version in versions.iter().take(versions.len().saturating_sub(MOST_VERSIONS + 1)) {
+            fs::remove_file(&version.path)?;
         }
         Ok(())
     }
 
-    /// The times and files of the former versions, the newest last.
-    fn versions(&self) -> io::Result<Vec<(u64, PathBuf)>> {
+    /// Marks the present version with what the service says about it.
+    pub fn mark(&self, is_refused: bool) -> io::Result<()> {
+        let Some(newest) = self.versions()?.pop() else { return Ok(()) };
+        if newest.is_refused() == is_refused || fs::read_to_string(&newest.path)? != self.text()? {
+            return Ok(());
+        }
+        let mark = if is_refused { REFUSED } else { "" };
+        fs::rename(newest.path, self.versions.join(format!("{}{mark}.toml", newest.time_us)))
+    }
+
+    /// The files of the present version and the former ones, the newest last.
+    fn versions(&self) -> io::Result<Vec<Version>> {
         let entries = match fs::read_dir(&self.versions) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
             entries => entries?,
         };
-        let time_us = |path: &PathBuf| path.file_name()?.to_str()?.strip_suffix(".toml")?.parse().ok();
-        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-        let mut versions: Vec<(u64, PathBuf)> = paths.filter_map(|path| Some((time_us(&path)?, path))).collect();
+        let mut versions: Vec<_> = entries.filter_map(|entry| Version::of(entry.ok()?.path())).collect();
         versions.sort_unstable();
         Ok(versions)
     }
@@ -107,15 +137,16 @@ impl SettingsFile {
     /// Returns the former versions, the newest first.
     pub fn old_versions(&self) -> io::Result<Vec<OldVersion>> {
         let (mut next, mut found) = (self.text()?, Vec::new());
-        for (time_us, path) in self.versions()?.into_iter().rev() {
-            let text = fs::read_to_string(path)?;
+        for version in self.versions()?.into_iter().rev() {
+            let text = fs::read_to_string(&version.path)?;
             if found.is_empty() && text == next {
                 continue;
             }
             found.push(OldVersion {
-                id: time_us.to_string(),
-                time_s: Duration::from_micros(time_us).as_secs_f64(),
+                id: version.time_us.to_string(),
+                time_s: Duration::from_micros(version.time_us).as_secs_f64(),
                 summary: changed(&text, &next).join(", "),
+                refused: version.is_refused(),
             });
             next = text;
         }
@@ -124,9 +155,8 @@ impl SettingsFile {
 
     /// Returns the text of a former version, if there is one of this name.
     pub fn old_text(&self, id: &str) -> io::Result<Option<String>> {
-        let versions = self.versions()?;
-        let version = versions.into_iter().find(|(time_us, _)| time_us.to_string() == id);
-        version.map(|(_, path)| fs::read_to_string(path)).transpose()
+        let version = self.versions()?.into_iter().find(|version| version.time_us.to_string() == id);
+        version.map(|version| fs::read_to_string(version.path)).transpose()
     }
 }
 

@@ -443,22 +443,49 @@ fn servos_that_are_new_are_released_before_their_settings_are_used() {
     let text = format!("{SETTINGS}{board}{channel}");
     assert!(keep(&text).contains("all servos are released until you let them move again"));
     assert_eq!(console.service.changes(), [release, reload.clone()]);
-    keep(&(text + "neutral = 0.2\n"));
+    let text = text + "neutral = 0.2\n";
+    keep(&text);
     assert_eq!(console.service.changes()[2..], [reload]);
+    // Where they are not released, nothing is kept.
+    console.service.seen.lock().unwrap().refusal = Some(("release", "the service ends"));
+    let body = json!({"text": format!("{text}{channel}").replacen("= 2", "= 4", 1), "base": hash_of(&console)});
+    let kept = console.post("settings/keep", &body);
+    assert!(kept.status == 409 && kept.text().contains("nothing is kept: the service ends"), "{kept:?}");
+    assert_eq!(console.settings(), text);
 }
 
 #[test]
 fn settings_that_the_service_does_not_use_are_told_until_it_does() {
     let console = Console::start(SETTINGS);
-    console.service.seen.lock().unwrap().refusal = Some("the model is missing".to_owned());
-    let text = SETTINGS.replace("30", "60");
-    let kept = console.post("settings/keep", &json!({"text": text, "base": hash_of(&console)}));
-    assert!(kept.json()["done"].as_str().unwrap().contains("goes on with the former ones"), "{kept:?}");
-    assert_eq!((console.settings(), &console.get("status").json()["unused"]), (text, &"the model is missing".into()));
+    let refuse = |refusal| console.service.seen.lock().unwrap().refusal = refusal;
+    let refused = || {
+        console.get("settings").json()["versions"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|it| it["refused"] == true)
+            .collect::<Vec<_>>()
+    };
+    let shown = || console.get("status").json()["service"]["settings_refused"].clone();
+    let keep = |fps: &str| {
+        let text = SETTINGS.replace("30", fps);
+        let kept = console.post("settings/keep", &json!({"text": text, "base": hash_of(&console)}));
+        assert_eq!((kept.status, console.settings()), (200, text));
+        kept.json()["done"].as_str().unwrap().to_owned()
+    };
+    refuse(Some(("reload", "the model is missing")));
+    for fps in ["50", "60", "70"] {
+        assert!(keep(fps).contains("goes on with the former ones"));
+        assert_eq!(shown(), "the model is missing");
+    }
+    // The way back leads past those that were refused.
+    assert_eq!(refused(), [true, true, false]);
     assert_eq!(console.post("settings/reload", &json!({})).status, 409);
-    console.service.seen.lock().unwrap().refusal = None;
+    refuse(None);
     assert_eq!(console.post("settings/reload", &json!({})).status, 200);
-    assert_eq!(console.get("status").json()["unused"], Value::Null);
+    assert_eq!(shown(), Value::Null);
+    keep("80");
+    assert_eq!(refused(), [false, true, true, false]);
 }
 
 /// Arms the servos and returns the session.
@@ -492,7 +519,7 @@ fn one_operator_moves_servos_and_the_second_sees_who() {
         assert_eq!(console.post("servos/drive", &line).status, 400, "{line}");
     }
     // Until the first lets go, the second changes nothing.
-    for (path, body) in posts() {
+    for (path, body) in posts().into_iter().chain([("password", json!({"new": "another password"}))]) {
         let is_open = ["settings/check", "settings/edit", "servos/release"].contains(&path);
         if !is_open && !["servos/drive", "servos/disarm"].contains(&path) {
             let answer =

@@ -169,6 +169,8 @@ pub struct Status {
     pub wearer: Option<String>,
     /// The file of the settings.
     pub config: Option<String>,
+    /// Why the settings that were read last are not in use. The former ones are.
+    pub settings_refused: Option<String>,
     /// Whether an operator keeps all servos without pulses.
     pub released: bool,
     /// Whether an operator drives.

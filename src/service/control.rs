@@ -17,7 +17,7 @@ use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, TryRecvError};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, PoisonError, mpsc};
 use std::thread::{Builder, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
@@ -519,6 +519,7 @@ impl Server {
             metrics: metrics::page(counters),
             wearer: counters.wearer().map(|name| name.to_string()),
             config: self.config.clone(),
+            settings_refused: counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone(),
             released: operator.is_released.load(Relaxed),
             driven: operator.is_driven.load(Relaxed),
             picture: self.settings.console.picture,

@@ -86,6 +86,8 @@ pub(super) struct Counters {
     wearer: Mutex<Option<WearerName>>,
     /// The panels of the links in the order of the settings, locked by the same threads.
     panels: Mutex<Vec<Arc<Panel>>>,
+    /// Why the settings that were read last are not in use. The hot loop does not lock it either.
+    pub(super) settings_refused: Mutex<Option<String>>,
 }
 
 pub(super) struct Row {

@@ -5,7 +5,7 @@
 
 use std::error::Error;
 use std::sync::mpsc::{Receiver, TryRecvError};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, PoisonError, mpsc};
 use std::thread::Thread;
 
 use tracing::level_filters::LevelFilter;
@@ -125,8 +125,10 @@ impl Reloader {
         false
     }
 
-    /// Answers all who wait. One who has gone needs no answer.
+    /// Answers all who wait, and keeps the refusal for those who ask later. One who has gone needs no answer.
     fn tell(&mut self, reply: &Reply) {
+        let refusal = if let Reply::Refused(why) = reply { Some(why.clone()) } else { None };
+        *self.counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner) = refusal;
         self.askers.drain(..).for_each(|asker| drop(asker.send(reply.clone())));
     }
 
@@ -197,7 +199,10 @@ mod tests {
             reloader.step();
             std::thread::yield_now();
         }
-        (reloader.live, told.try_recv().ok(), answer.recv().expect("an answer"))
+        let answer = answer.recv().expect("an answer");
+        let refused = reloader.counters.settings_refused.lock().unwrap().clone();
+        assert_eq!(refused, if let Reply::Refused(why) = &answer { Some(why.clone()) } else { None });
+        (reloader.live, told.try_recv().ok(), answer)
     }
 
     #[test]

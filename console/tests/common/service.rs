@@ -57,8 +57,8 @@ pub struct Seen {
     pub lines: Vec<(Instant, Value)>,
     /// When each drive has ended.
     pub ended: Vec<Instant>,
-    /// Why settings are not used.
-    pub refusal: Option<String>,
+    /// The request that is refused, and why.
+    pub refusal: Option<(&'static str, &'static str)>,
     /// Whether requests for landmarks get no answer.
     pub is_stuck: bool,
 }
@@ -123,7 +123,7 @@ fn status(seen: &Seen) -> Value {
         "trouble": null, "channels": [channel(0), channel(3)]});
     let is_driven = of("drive").count() > seen.ended.len();
     json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": is_released, "driven": is_driven,
-        "links": [link]}})
+        "settings_refused": seen.refusal.filter(|(refused, _)| *refused == "reload").map(|(_, why)| why), "links": [link]}})
 }
 
 fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Option<()> {
@@ -131,6 +131,10 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
     let request: Value = serde_json::from_str(&lines.next()?.ok()?).unwrap();
     seen.lock().unwrap().requests.push(request.clone());
     let mut say = |value: Value| writeln!(stream, "{value}").ok();
+    let refusal = seen.lock().unwrap().refusal;
+    if let Some((_, why)) = refusal.filter(|(refused, _)| request["do"] == *refused) {
+        return say(json!({"refused": why}));
+    }
     match request["do"].as_str()? {
         "status" => {
             let status = status(&seen.lock().unwrap());
@@ -174,10 +178,6 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
             say(
                 json!({"picture": {"format": "grey", "width": 640, "height": 480, "bytes": 0, "time_us": 5, "landmarks": places}}),
             )
-        }
-        "reload" => {
-            let refusal = seen.lock().unwrap().refusal.clone();
-            say(refusal.map_or(json!({"done": "it is done"}), |why| json!({"refused": why})))
         }
         "drive" => {
             say(json!({"driving": true}))?;

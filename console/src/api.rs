@@ -14,7 +14,12 @@ use hyper::{
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value, json};
-use tokio::{io::AsyncReadExt as _, select, sync::Notify, time::timeout};
+use tokio::{
+    io::AsyncReadExt as _,
+    select,
+    sync::Notify,
+    time::{Instant, sleep_until, timeout},
+};
 
 use crate::{
     access::{Caller, Role, Secret},
@@ -31,6 +36,8 @@ const BODY_PATIENCE: Duration = Duration::from_secs(10);
 const MOST_BODY_BYTES: usize = 8 * 1024;
 /// Texts of settings come in JSON, in which a line break has two bytes.
 const MOST_SETTINGS_BODY_BYTES: usize = 2 * settings::MOST_BYTES;
+/// Least time between two pictures for all pages together, which keeps the console below a twentieth of a core.
+const PICTURE_PERIOD: Duration = Duration::from_millis(150);
 const DOWNLOAD_BYTES: usize = 16 * 1024;
 
 const NO_SERVICE: Refusal = Refusal::fixed(
@@ -367,7 +374,9 @@ impl Call<'_> {
     }
 
     async fn picture(&self) -> Answer {
-        let _turn = self.console.picturing.acquire().await;
+        let mut due = self.console.picturing.lock().await;
+        sleep_until(*due).await;
+        *due = Instant::now() + PICTURE_PERIOD;
         let picture = crate::picture::newest(&self.console.control).await?;
         Ok(response("application/octet-stream", picture.into()))
     }

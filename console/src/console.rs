@@ -13,7 +13,7 @@ use facewire_packet::{Packet, control::Request};
 use serde_json::{Value, json};
 use tokio::{
     select,
-    sync::{Mutex as AsyncMutex, Notify, Semaphore, watch},
+    sync::{Mutex as AsyncMutex, Notify, watch},
     time::sleep,
 };
 
@@ -65,8 +65,8 @@ pub struct Console {
     pub recordings: Recordings,
     pub news: News,
     pub history: Mutex<History>,
-    /// One picture at a time is made smaller, which bounds memory and load.
-    pub picturing: Semaphore,
+    /// When the next picture may be asked for. One at a time is made smaller, which bounds memory and load.
+    pub picturing: AsyncMutex<tokio::time::Instant>,
     /// Tells the calibration that goes on to end.
     pub calibrating: Mutex<Option<Arc<Notify>>>,
     /// The text of the settings that was judged last, and its faults.
@@ -92,7 +92,7 @@ impl Console {
             recordings: Recordings::new(&state, news.recording.clone()),
             news,
             history: Mutex::default(),
-            picturing: Semaphore::new(1),
+            picturing: AsyncMutex::new(tokio::time::Instant::now()),
             calibrating: Mutex::default(),
             judged: AsyncMutex::default(),
             pages: watch::Sender::new(0),

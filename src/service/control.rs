@@ -11,10 +11,10 @@ mod client;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
-use std::fs::{DirBuilder, Permissions, metadata, set_permissions};
+use std::fs::{DirBuilder, File, Permissions, metadata, remove_file, set_permissions};
 use std::io::{self, ErrorKind, PipeReader, PipeWriter, pipe};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, PoisonError, mpsc};
@@ -172,10 +172,17 @@ enum Task {
     Wait(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
+/// The file beside the control socket that tells a restarted service that an operator has released all servos.
+pub(super) fn released_mark(socket: &Path) -> PathBuf {
+    socket.with_file_name("released")
+}
+
 pub(super) struct Server {
     doors: [Door; 2],
     settings: Settings,
     config: Option<String>,
+    /// This file is there while an operator keeps all servos without pulses.
+    released_mark: Option<PathBuf>,
     peers: Peers,
     stop_signal: PipeReader,
     clients: VecDeque<(Client, Task)>,
@@ -196,9 +203,22 @@ impl Server {
         }
         tell_console(&settings.console);
         let (stop_signal, stop) = pipe()?;
+        let released_mark = path.as_deref().map(released_mark);
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
-        Ok((Self { doors, settings, config, peers, stop_signal, clients: VecDeque::new(), shown_at: None }, stop))
+        Ok((
+            Self {
+                doors,
+                settings,
+                config,
+                released_mark,
+                peers,
+                stop_signal,
+                clients: VecDeque::new(),
+                shown_at: None,
+            },
+            stop,
+        ))
     }
 
     pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
@@ -457,6 +477,12 @@ impl Server {
         let operator = Arc::clone(&self.peers.counters.traffic.operator);
         operator.is_released.store(on, Relaxed);
         self.peers.sender.unpark();
+        if let Some(mark) = &self.released_mark
+            && let Err(error) = if on { File::create(mark).map(drop) } else { remove_file(mark) }
+            && (on || error.kind() != ErrorKind::NotFound)
+        {
+            tracing::warn!("{}: {error}; servos that are released get pulses after a restart", mark.display());
+        }
         let done = if on { "servos get no pulses" } else { "servos follow the face again" };
         tracing::info!("{done}, as an operator wants it");
         Task::Wait(Box::new(move || {

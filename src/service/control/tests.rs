@@ -523,12 +523,16 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
     rig.server.serve();
     let _others: Vec<_> = (0..7).map(|_| rig.ask(Request::Watch {})).collect();
     assert!(asks.next().is_none() && rig.refused(Request::Watch {}).contains("too many"));
+    let mark = rig.folder.path().join("run/released");
+    fs::create_dir(mark.parent().unwrap()).unwrap();
     let mut release = rig.ask(Request::Release { on: true });
     rig.server.serve();
-    assert!(release.next().is_none(), "the links have not been told");
+    assert!(release.next().is_none() && mark.exists(), "the links have not been told");
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
     rig.server.serve();
     assert!(matches!(release.next(), Some(Reply::Done(_))));
+    rig.ask(Request::Release { on: false });
+    assert!(!mark.exists(), "a restarted service would give servos no pulses");
     let outcome = Reply::Refused("test:1: not valid TOML".to_owned());
     rig.reloads.try_iter().for_each(|asker| drop(asker.send(outcome.clone())));
     rig.server.serve();

@@ -1,6 +1,7 @@
 // Wearers: those who have a profile, and the guided calibration that makes one.
 
 import { Action, time, Trouble, useAnswer } from "./common.js";
+import { change, useDraft } from "./draft.js";
 import { Face } from "./face/face.js";
 import { Picture } from "./picture.js";
 import { REFUSALS, TAKES } from "./poses.js";
@@ -9,6 +10,7 @@ import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
 export function Wearer() {
   const { calibration, status } = useStore();
+  const { used } = useDraft();
   const [list, trouble, reload] = useAnswer("wearers");
   const [name, setName] = useState("");
   const [removes, setRemoves] = useState();
@@ -48,7 +50,9 @@ export function Wearer() {
         class="panel">Nobody has a profile yet. facewire then estimates the face at rest while it watches.</p>`}
       ${list.wearers.map(
         ({ wearer, profile }) => html`<article class="panel" key=${wearer} aria-label=${wearer}>
-        <h3>${wearer} ${wearer === list.in_use && html`<small class="state-good">in use</small>`}</h3>
+        <h3>${wearer} ${wearer === list.in_use && html`<small class="state-good">in use</small>`} ${
+          wearer === used.wearer?.name && html`<small class="badge">at every start</small>`
+        }</h3>
         ${profile.Ok ? html`<p
           class="dim">${time(profile.Ok[0])}, ${profile.Ok[1]} of ${Object.keys(TAKES).length} poses</p>` : html`<p
           class="trouble">${profile.Err}</p>`}
@@ -58,6 +62,12 @@ export function Wearer() {
               ? html`<${Action} run=${act("wearers/use", { name: null })}>Use nobody's<//>`
               : html`<${Action} disabled=${!profile.Ok} run=${act("wearers/use", { name: wearer })}
                 label=${`Use ${wearer}`}>Use<//>`
+          }
+          ${
+            profile.Ok &&
+            wearer !== used.wearer?.name &&
+            html`<${Action} run=${() => change({ "wearer.name": wearer })}
+              label=${`Use ${wearer} at every start`}>Use at every start<//>`
           }
           ${
             removes === wearer

@@ -11,7 +11,7 @@ mod client;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
-use std::fs::{DirBuilder, File, Permissions, metadata, remove_file, set_permissions};
+use std::fs::{self, DirBuilder, Permissions, metadata, set_permissions};
 use std::io::{self, ErrorKind, PipeReader, PipeWriter, pipe};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
@@ -172,17 +172,31 @@ enum Task {
     Wait(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
-/// The file beside the control socket that tells a restarted service that an operator has released all servos.
-pub(super) fn released_mark(socket: &Path) -> PathBuf {
-    socket.with_file_name("released")
+/// Says, in the folder of the profiles, that an operator has released all servos since the machine has started.
+const RELEASED: &str = "released";
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+
+/// Whether a service that starts again finds its servos released.
+pub(super) fn was_released(wearer: &WearerSettings) -> bool {
+    let released_in = fs::read(Store::new(&wearer.folder).folder().join(RELEASED));
+    released_in.is_ok_and(|boot| fs::read(BOOT_ID).is_ok_and(|now| now == boot))
+}
+
+fn note_released(folder: &Path, on: bool) -> io::Result<()> {
+    if on {
+        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+        return fs::write(folder.join(RELEASED), fs::read(BOOT_ID)?);
+    }
+    fs::remove_file(folder.join(RELEASED)).or_else(|error| match error.kind() {
+        ErrorKind::NotFound => Ok(()),
+        _ => Err(error),
+    })
 }
 
 pub(super) struct Server {
     doors: [Door; 2],
     settings: Settings,
     config: Option<String>,
-    /// This file is there while an operator keeps all servos without pulses.
-    released_mark: Option<PathBuf>,
     peers: Peers,
     stop_signal: PipeReader,
     clients: VecDeque<(Client, Task)>,
@@ -203,22 +217,9 @@ impl Server {
         }
         tell_console(&settings.console);
         let (stop_signal, stop) = pipe()?;
-        let released_mark = path.as_deref().map(released_mark);
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
-        Ok((
-            Self {
-                doors,
-                settings,
-                config,
-                released_mark,
-                peers,
-                stop_signal,
-                clients: VecDeque::new(),
-                shown_at: None,
-            },
-            stop,
-        ))
+        Ok((Self { doors, settings, config, peers, stop_signal, clients: VecDeque::new(), shown_at: None }, stop))
     }
 
     pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
@@ -477,12 +478,12 @@ impl Server {
         let operator = Arc::clone(&self.peers.counters.traffic.operator);
         operator.is_released.store(on, Relaxed);
         self.peers.sender.unpark();
-        if let Some(mark) = &self.released_mark
-            && let Err(error) = if on { File::create(mark).map(drop) } else { remove_file(mark) }
-            && (on || error.kind() != ErrorKind::NotFound)
-        {
-            tracing::warn!("{}: {error}; servos that are released get pulses after a restart", mark.display());
-        }
+        let store = self.store();
+        self.peers.loader.begin(move || {
+            if let Err(error) = note_released(store.folder(), on) {
+                tracing::warn!("a restarted service will not know whether servos are released: {error}");
+            }
+        });
         let done = if on { "servos get no pulses" } else { "servos follow the face again" };
         tracing::info!("{done}, as an operator wants it");
         Task::Wait(Box::new(move || {

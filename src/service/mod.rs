@@ -38,7 +38,7 @@ pub use sender::replay;
 pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
-use self::control::{Peers, Server, released_mark};
+use self::control::{Peers, Server, was_released};
 use self::counters::{Counters, OPEN_US};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
@@ -87,9 +87,7 @@ pub fn run(
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    let socket = socket();
-    let is_released = socket.as_deref().is_some_and(|socket| released_mark(socket).exists());
-    counters.traffic.operator.is_released.store(is_released, Relaxed);
+    counters.traffic.operator.is_released.store(was_released(&settings.wearer), Relaxed);
     let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
     counters.set_panels(links.panels());
     let (loader, wanted) = (Loader::start()?, settings.clone());
@@ -125,7 +123,7 @@ pub fn run(
         let (loader, counters) = (loader.clone(), Arc::clone(&counters));
         Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters }
     };
-    let server = Server::new(socket, settings.clone(), config, peers);
+    let server = Server::new(socket(), settings.clone(), config, peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control_thread {

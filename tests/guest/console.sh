@@ -35,7 +35,22 @@ hold_ms = 10000
 neutral_ms = 10500
 CONFIG
 
-feed-video $work/clip.avi mjpeg 2
+# The camera shows the frames whose numbers the host has written last, two in a second, over and over.
+mkdir $work/frames
+ffmpeg -nostdin -v error -i $work/clip.avi -c:v copy -start_number 0 -f image2 $work/frames/%d.jpg
+modprobe v4l2loopback video_nr=0 exclusive_caps=1 max_buffers=8 card_label='Loopback camera'
+show_frames() {
+    while :; do
+        read -r frames </host/frames
+        for frame in $frames; do
+            cat $work/frames/"$frame".jpg
+            sleep 0.5
+        done
+    done
+}
+seq 0 4 236 | tr '\n' ' ' >/host/frames
+echo >>/host/frames
+show_frames | ffmpeg -v error -probesize 32 -f mjpeg -framerate 2 -i - -c:v copy -f v4l2 /dev/video0 &
 usb-acm plug
 usb-acm unplug
 echo 0x1ffb >/sys/kernel/config/usb_gadget/acm/idVendor
@@ -53,11 +68,20 @@ systemctl enable --now facewire-console
 listening() { ss -ltn | grep -q :5252; }
 await listening
 
+main_pid() { systemctl show --property MainPID --value facewire; }
+restarted() { [ "$(main_pid)" != 0 ] && [ "$(main_pid)" != "$killed" ]; }
+
 # Shows the host what the servos are told.
 show() { tail -n 400 $work/targets >/host/targets.new && mv /host/targets.new /host/targets; }
 touch /host/ready
 while [ ! -e /host/end ]; do
     show
+    if [ -e /host/kill ]; then
+        killed=$(main_pid)
+        systemctl kill --signal KILL facewire
+        await restarted
+        rm /host/kill
+    fi
     if [ -e /host/restart ]; then
         rm /host/restart
         # As at the next start, the units that are enabled start by themselves.

@@ -179,7 +179,9 @@ impl Browser {
              const look = () => holds() ? done(true) : performance.now() > end ? done(false) : requestAnimationFrame(look); \
              look(); }})"
         );
-        assert_eq!(self.value(&look), true, "{condition}");
+        if self.value(&look) != true {
+            panic!("{condition} is not true of the page: {}", self.value("document.body.innerText"));
+        }
     }
 
     /// Presses a key, as `key` and `code` of an event name it.

@@ -106,6 +106,7 @@ fn link_to_nobody(kind: &str) -> LinkSettings {
         "live-link" => "swap_mouth = true\n",
         "vrchat" => "bits = 8\nnative_eyes = true\n",
         "ifacialmocap" => "listen = \"\"\naddress = \"127.0.0.1:9\"\n",
+        "sacn" => "address = \"127.0.0.1:9\"\n",
         "json" => "to = \"udp:127.0.0.1:9\"\n",
         _ if default.contains("\ndevice = ") => "device = \"/dev/away\"\n",
         _ => "",

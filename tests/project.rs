@@ -87,7 +87,7 @@ fn sources(folder: &Path) -> String {
 #[test]
 fn every_fault_of_the_table_names_tests_and_they_exist() {
     let table = fs::read_to_string(project("docs/service.md")).unwrap();
-    let tests = ["src", "servo", "board", "tests"].map(|folder| sources(&project(folder))).concat();
+    let tests = ["src", "servo", "board", "packet", "tests"].map(|folder| sources(&project(folder))).concat();
     let rows: Vec<&str> = table.lines().filter(|line| line.matches('|').count() == 5).skip(2).collect();
     assert!(rows.len() >= 20, "{rows:?}");
     for row in rows {

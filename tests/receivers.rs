@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use common::board::Board;
 use common::program::{Run, text};
-use common::service::{DEMO, Receiver, Service};
+use common::service::{DEMO, NO_CAMERA, Receiver, Service};
 use common::{PATIENCE, project, python_with, skip};
 use facewire::config;
 use facewire::link::{Link, Output, Pose, Traffic};
@@ -148,48 +148,6 @@ fn python() -> Option<PathBuf> {
     python
 }
 
-/// Returns the arguments of the OSC message with this address whose first argument is `name`, or of the only one.
-fn arguments<'a>(messages: &'a [Value], address: &str, name: Option<&str>) -> &'a [Value] {
-    let is_meant = |message: &&Value| message[0] == address && name.is_none_or(|name| message[1] == name);
-    &messages.iter().find(is_meant).unwrap_or_else(|| panic!("no {address} {name:?}")).as_array().unwrap()[1..]
-}
-
-#[test]
-fn python_osc_reads_the_bundles_of_vmc_and_vrchat() {
-    let Some(python) = python() else { return };
-    let output = output(ROTATION, &[("jawOpen", 0.5), ("mouthLeft", 0.25)]);
-    let read = |keys: &str| messages(&python, &datagrams(keys, &output));
-    let vmc = read("kind = \"vmc\"\naddress = \"ADDRESS\"");
-    assert_eq!(arguments(&vmc, "/VMC/Ext/Blend/Val", Some("JawOpen"))[1], 0.5);
-    assert_eq!(arguments(&vmc, "/VMC/Ext/Bone/Pos", Some("Head")).len(), 8);
-    assert_eq!(arguments(&vmc, "/VMC/Ext/OK", None), [1, 3, 0, 1]);
-    assert_eq!(vmc.last().unwrap()[0], "/VMC/Ext/Blend/Apply");
-    assert_eq!(vmc.iter().filter(|message| message[0] == "/VMC/Ext/Blend/Val").count(), 52);
-    let vrchat = read("kind = \"vrchat\"\naddress = \"ADDRESS\"\nbits = 2\nprefix = \"FT/\"");
-    assert_eq!(arguments(&vrchat, "/avatar/parameters/FT/v2/JawOpen", None), [0.5]);
-    assert_eq!(arguments(&vrchat, "/avatar/parameters/FT/v2/JawOpen2", None), [true]);
-    assert_eq!(arguments(&vrchat, "/avatar/parameters/FT/v2/MouthXNegative", None), [true]);
-    assert_eq!(arguments(&vrchat, "/avatar/parameters/EyeTrackingActive", None), [true]);
-}
-
-#[test]
-fn pylivelinkface_reads_the_datagrams_of_live_link() {
-    let Some(python) = python() else { return };
-    let output = output([0.0, 0.258_819, 0.0, 0.965_926], &[("jawOpen", 0.5), ("eyeLookDownRight", 1.0)]);
-    let bytes = datagrams("kind = \"live-link\"\naddress = \"ADDRESS\"\nsubject = \"my face\"", &output).remove(0);
-    let header = bytes[..1 + 4 + 36 + 4 + 7].to_vec();
-    let [face, lost] = &decoded(&python, "live-link", &[bytes, header])[..] else { panic!() };
-    assert_eq!((&face["subject"], &face["fps"]), (&Value::from("my face"), &Value::from(60)));
-    let value = |name: &str| face["values"][name].as_f64().unwrap();
-    let near = |name, want: f64| assert!((value(name) - want).abs() < 1e-4, "{name} {}", value(name));
-    near("JawOpen", 0.5);
-    near("HeadYaw", -30_f64.to_radians());
-    near("RightEyePitch", 35_f64.to_radians());
-    near("LeftEyePitch", 0.0);
-    assert_eq!(face["values"].as_object().unwrap().len(), 61);
-    assert_eq!(lost, &Value::Null, "a datagram that ends after the name has no face");
-}
-
 /// Nobody reads the standard output while the service runs.
 #[test]
 fn a_running_service_serves_every_receiver_and_a_standard_output_that_nobody_reads_delays_none() {
@@ -214,6 +172,46 @@ fn a_running_service_serves_every_receiver_and_a_standard_output_that_nobody_rea
     let lines: Vec<Value> = run.out.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     assert!(lines.len() > 20 && lines.len() + 1 >= run.out.lines().count(), "{} lines", lines.len());
     assert!(lines.iter().all(|line| line["coefficients"].as_object().unwrap().len() == BLENDSHAPES.len()));
+}
+
+/// The values of a universe and whether its datagram ends the stream, by the layouts of both protocols.
+fn values(datagram: &[u8]) -> (&[u8], bool) {
+    if datagram.starts_with(b"Art-Net") { (&datagram[18..], false) } else { (&datagram[126..], datagram[112] == 0x40) }
+}
+
+/// The datagrams that have come and were not taken yet.
+fn waiting(node: &Receiver) -> Vec<Vec<u8>> {
+    node.0.set_nonblocking(true).unwrap();
+    let mut bytes = [0; 1024];
+    let waiting = std::iter::from_fn(|| node.0.recv(&mut bytes).ok().map(|length| bytes[..length].to_vec())).collect();
+    node.0.set_nonblocking(false).unwrap();
+    waiting
+}
+
+#[test]
+fn a_universe_is_sent_once_a_second_while_nothing_moves_and_at_most_44_times_and_it_ends_with_the_service() {
+    let nodes = [Receiver::new(), Receiver::new()];
+    let link = |kind, node: &Receiver| format!("[[link]]\nkind = \"{kind}\"\naddress = \"{}\"\n", node.address());
+    let links = link("sacn", &nodes[0]) + &link("artnet", &nodes[1]);
+    let (service, live) = Service::with_receiver(&[NO_CAMERA, &links].concat());
+    (0..6).for_each(|_| drop(nodes.each_ref().map(Receiver::datagram)));
+    let begun = Instant::now();
+    (0..3).for_each(|_| assert_eq!(nodes.each_ref().map(|node| values(&node.datagram()).0[0]), [1; 2]));
+    let still_s = begun.elapsed().as_secs_f64();
+    assert!((1.5..9.0).contains(&still_s), "three datagrams took {still_s} s");
+    service.reload(&[DEMO, &links].concat());
+    live.live();
+    nodes.iter().for_each(|node| drop(waiting(node)));
+    let begun = Instant::now();
+    let moving: Vec<_> = (0..60).flat_map(|_| nodes.each_ref().map(Receiver::datagram)).collect();
+    assert!(begun.elapsed().as_secs_f64() > 59.0 / 44.0, "{:?}", begun.elapsed());
+    assert!(moving.iter().any(|bytes| values(bytes).0[..52].iter().any(|value| *value > 25)), "the face does not move");
+    service.stop(Signal::TERM);
+    for (node, ends) in nodes.iter().zip([3, 0]) {
+        let rest = waiting(node);
+        assert_eq!(rest.iter().filter(|bytes| values(bytes).1).count(), ends);
+        assert!(values(rest.last().unwrap()).0[..52] == [1; 52], "the neutral face is last");
+    }
 }
 
 /// What `packet/python/receiver.py` shows: whether packets come, jaw, left lid, and the rotation of the head.

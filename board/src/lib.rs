@@ -1,5 +1,6 @@
-//! The board: which one it is, and what the kernel tells of its temperature, supply voltage and clock rates. And the words
-//! for all that makes tracking poor, on the board or in front of the camera, with the remedies.
+//! The board: which one it is, its identifier, and what the kernel tells of its temperature, supply voltage and clock rates.
+//! And the words for all that makes tracking poor, on the board or in front of the camera, and for a name server out of
+//! reach, with the remedies.
 //!
 //! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
 //! All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
@@ -9,12 +10,14 @@
 
 mod impairment;
 mod machine;
+mod network;
 mod sensors;
 
 use std::path::PathBuf;
 
 pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
+pub use self::network::{machine_id, name_server_remedy};
 pub use self::sensors::{HardwareSettings, Sensors};
 
 const POLL_US: u64 = 2_000_000;

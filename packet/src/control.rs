@@ -76,7 +76,7 @@ pub enum Drive {
         /// The number of the link, from 0 on in the order of the settings.
         link: usize,
         /// The number of the channel.
-        channel: u8,
+        channel: u16,
         /// From 0 to 1.
         position: f32,
     },
@@ -205,7 +205,7 @@ pub struct LinkStatus {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatus {
     /// The number of the channel.
-    pub number: u8,
+    pub number: u16,
     /// Where the servo goes, from 0 to 1.
     pub target: Option<f32>,
     /// Where it is by now if it keeps its limits, from 0 to 1.

@@ -42,12 +42,12 @@ impl Dials {
         !self.channels.is_empty() && (is_released.load(Relaxed) || is_turned())
     }
 
-    pub fn has(&self, channel: u8) -> bool {
+    pub fn has(&self, channel: u16) -> bool {
         self.channels.iter().any(|dial| dial.number == channel)
     }
 
     /// Turns this channel alone, or none.
-    pub fn turn(&self, turned: Option<(u8, f32)>) {
+    pub fn turn(&self, turned: Option<(u16, f32)>) {
         for dial in &self.channels {
             dial.jog.set(turned.filter(|(number, _)| *number == dial.number).map(|(_, position)| position));
         }
@@ -57,7 +57,7 @@ impl Dials {
 /// A channel: where it goes, where it is by now within its limits, its pulse, and where an operator wants it.
 #[derive(Debug, Default)]
 pub struct Dial {
-    pub number: u8,
+    pub number: u16,
     pub target: Number,
     pub position: Number,
     pub pulse_us: Number,

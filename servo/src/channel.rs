@@ -2,7 +2,7 @@
 
 use facewire_packet::{BLENDSHAPE_COUNT, BLENDSHAPES, Reason, State, yaw_pitch_roll_deg};
 
-use crate::{Limits, motion::Motion};
+use crate::{Form, Limits, motion::Motion};
 
 /// Angles of the head, degrees: yaw to the person's left, pitch upwards, roll to the person's right shoulder.
 const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
@@ -42,6 +42,8 @@ pub struct ChannelSettings {
     pub acceleration_per_s2: f32,
     pub dead_zone: f32,
     pub loss: AtLoss,
+    /// By DMX alone.
+    pub dmx: Form,
 }
 
 impl Default for ChannelSettings {
@@ -57,6 +59,7 @@ impl Default for ChannelSettings {
             acceleration_per_s2: 0.0,
             dead_zone: 0.0,
             loss: AtLoss::Neutral,
+            dmx: Form::Bits8,
         }
     }
 }
@@ -64,6 +67,18 @@ impl Default for ChannelSettings {
 impl ChannelSettings {
     pub fn used_sources(&self) -> impl Iterator<Item = (&'static str, f32)> {
         SOURCE_NAMES.into_iter().zip(self.sources).filter(|(_, gain)| *gain != 0.0)
+    }
+
+    /// Returns the least and the greatest position that the sum can have before it is limited, for coefficients from 0 to 1
+    /// and angles of the head up to 90 degrees.
+    pub fn range(&self) -> [f32; 2] {
+        let at = |end: fn(f32, f32) -> f32| {
+            let term = |(name, gain): (&str, f32)| {
+                if name.starts_with("head") { end(-90.0 * gain, 90.0 * gain) } else { end(0.0, gain) }
+            };
+            self.offset + self.used_sources().map(term).sum::<f32>()
+        };
+        [at(f32::min), at(f32::max)]
     }
 }
 
@@ -76,9 +91,9 @@ pub fn values(rotation: [f32; 4], coefficients: &[f32; BLENDSHAPE_COUNT]) -> Sou
 
 #[derive(Debug, Clone)]
 pub struct Channel {
-    pub number: u8,
+    pub number: u16,
     pub limits: Limits,
-    settings: ChannelSettings,
+    pub(crate) settings: ChannelSettings,
     neutral: f32,
     pub(crate) target: f32,
     pub(crate) motion: Motion,
@@ -98,7 +113,7 @@ impl Channel {
             speed_per_s: limit(settings.speed_per_s),
             acceleration_per_s2: limit(settings.acceleration_per_s2),
         };
-        let number = u8::try_from(settings.channel).unwrap_or_default();
+        let number = u16::try_from(settings.channel).unwrap_or_default();
         let (settings, motion) = (settings.clone(), Motion::at(neutral));
         let (is_released, is_first, jog, is_off) = (false, false, None, false);
         Self { number, limits, settings, neutral, target: neutral, motion, is_released, is_first, jog, is_off }

@@ -2,7 +2,8 @@
 //!
 //! Role: a [`Channel`] turns the face into the position of one servo, from 0 to 1, and the position into a pulse width. A
 //! [`Board`] has several, and an [`Operator`] may take all pulses away, or turn single channels in place of the face.
-//! [`maestro`] and [`pca9685`] know what boards are told; the caller carries the bytes.
+//! [`maestro`], [`pca9685`] and [`dmx`] know what boards are told, and [`check`] what they cannot follow; the caller carries
+//! the bytes.
 //! Contract: whatever comes in, a position stays within 0 to 1, and a motion keeps its limits of speed and
 //! acceleration. A value that is not a number leaves the servo where it is. A step of a board neither allocates nor reads a
 //! clock: its time is an argument.
@@ -11,10 +12,13 @@
 
 mod board;
 mod channel;
+pub mod check;
+pub mod dmx;
 pub mod maestro;
 mod motion;
 pub mod pca9685;
 
 pub use self::board::{Board, Dial, Dials, Number, Operator};
 pub use self::channel::{AtLoss, Channel, ChannelSettings, SOURCE_COUNT, SOURCE_NAMES, Sources};
+pub use self::dmx::Form;
 pub use self::motion::Limits;

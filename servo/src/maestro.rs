@@ -79,7 +79,7 @@ impl Protocol {
         let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
         for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
             let [low, high] = data(limit);
-            self.write(out, code, [channel.number, low, high]);
+            self.write(out, code, [channel.number as u8, low, high]);
         }
     }
 
@@ -88,7 +88,7 @@ impl Protocol {
     pub fn write_targets(self, channels: &[Channel], multiple_targets: bool, out: &mut Vec<u8>) {
         let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
         for block in channels.chunk_by(is_next) {
-            let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
+            let (first, count) = (block.first().map_or(0, |channel| channel.number as u8), block.len());
             let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
             if count == 1 {
                 self.write(out, Code::SetTarget, [first].into_iter().chain(targets));

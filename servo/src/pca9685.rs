@@ -158,7 +158,7 @@ impl Servos {
         let period = self.period;
         self.board.moved_at = None;
         for channel in &mut self.board.channels {
-            if let Some(pulse_us) = chip.read_pulse_us(channel.number, period)? {
+            if let Some(pulse_us) = chip.read_pulse_us(channel.number as u8, period)? {
                 channel.rest_at(pulse_us);
             }
         }
@@ -169,8 +169,9 @@ impl Servos {
     pub fn show<R: Registers>(&mut self, packet: &Packet, chip: &mut R, now: Instant) -> Result<(), R::Error> {
         let period = self.period;
         let channels = self.board.follow(packet, now);
-        let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number));
-        let pulse_us = |number| channels.iter().find(|channel| channel.number == number).and_then(Channel::now_us);
+        let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number as u8));
+        let pulse_us =
+            |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(Channel::now_us);
         let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
         chip.write_channels(first, &registers)
     }

@@ -4,14 +4,16 @@ use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
 use facewire_face::Adjustments;
+use facewire_packet::formats::dmx::{USUAL_HZ, group};
+use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
 use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
-use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources};
+use facewire_servo::{AtLoss, ChannelSettings, Form, SOURCE_NAMES, Sources};
 
 use super::overlay::{Entry, Field, Overlay, Section, field, section};
 use super::value::{
-    Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice, UP_TO_64_CHARACTERS,
-    address, choice, choices, flag, json_target, number, one_of, optional_address, parameters, serial_device,
+    Address, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, UP_TO_64_CHARACTERS, address, choice,
+    choices, flag, json_target, local_address, number, one_of, optional_address, parameters, serial_device,
     socket_address, table, text, whole,
 };
 
@@ -123,6 +125,24 @@ link_kinds! {
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
+    Sacn = "sacn", SacnSettings {
+        universe: u32 = 1, whole(0..=63_999, "");
+        address: Option<Address> = None, optional_address();
+        from: Option<SocketAddr> = None, local_address();
+        priority: u32 = 100, whole(0..=200, "");
+        source: String = "facewire".to_owned(), text(UP_TO_64_CHARACTERS);
+        whole_face: Form = Form::Bits8, choice();
+        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+    }
+
+    ArtNet = "artnet", ArtNetSettings {
+        address: Address = Address::local(6454), address();
+        universe: u32 = 0, whole(0..=32_767, "");
+        from: Option<SocketAddr> = None, local_address();
+        whole_face: Form = Form::Bits8, choice();
+        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+    }
+
     IFacialMocap = "ifacialmocap", IFacialMocapSettings {
         listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into()), socket_address();
         reply_port: u32 = 49_983, whole(0..=65_535, "");
@@ -154,6 +174,7 @@ choices! {
     pub enum MaestroProtocol: Compact = "compact", Pololu = "pololu"
 }
 choices! { AtLoss: Neutral = "neutral", Release = "release" }
+choices! { Form: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
 fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     channels.extend(entry.each().iter().map(|entry| {
@@ -166,7 +187,7 @@ fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut O
 impl Section for ChannelSettings {
     fn fields(&mut self) -> Vec<Field<'_>> {
         vec![
-            field("channel", &mut self.channel, whole(0..=23, "")),
+            field("channel", &mut self.channel, whole(0..=512, "")),
             field("sources", &mut self.sources, table),
             field("offset", &mut self.offset, number(-10.0..=10.0, "")),
             field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, " (microseconds)")),
@@ -176,6 +197,7 @@ impl Section for ChannelSettings {
             field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, " (1/s²)")),
             field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
             field("loss", &mut self.loss, choice()),
+            field("dmx", &mut self.dmx, choice()),
         ]
     }
 }
@@ -195,13 +217,27 @@ pub enum AutoDevice {
 
 impl LinkKind {
     /// The address to which all datagrams go.
-    pub fn address(&self) -> Option<&Address> {
+    pub fn address(&self) -> Option<Address> {
         match self {
             Self::Udp(UdpSettings { address })
             | Self::LiveLink(LiveLinkSettings { address, .. })
             | Self::Vmc(VmcSettings { address, .. })
             | Self::Vrchat(VrchatSettings { address, .. })
-            | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => Some(address),
+            | Self::ArtNet(ArtNetSettings { address, .. })
+            | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => Some(address.clone()),
+            Self::Sacn(SacnSettings { universe, address, .. }) => {
+                address.clone().or_else(|| Address::new(&group(*universe as u16).to_string()))
+            }
+            _ => None,
+        }
+    }
+
+    /// The universe of a link by DMX, and the address of this machine that it sends from.
+    pub fn universe(&self) -> Option<(u32, Option<SocketAddr>)> {
+        match self {
+            Self::Sacn(SacnSettings { universe, from, .. }) | Self::ArtNet(ArtNetSettings { universe, from, .. }) => {
+                Some((*universe, *from))
+            }
             _ => None,
         }
     }
@@ -217,9 +253,10 @@ impl LinkKind {
 
     pub fn channels(&self) -> Option<&Vec<ChannelSettings>> {
         match self {
-            Self::Maestro(MaestroSettings { channels, .. }) | Self::Pca9685(Pca9685Settings { channels, .. }) => {
-                Some(channels)
-            }
+            Self::Maestro(MaestroSettings { channels, .. })
+            | Self::Pca9685(Pca9685Settings { channels, .. })
+            | Self::Sacn(SacnSettings { channels, .. })
+            | Self::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),
             _ => None,
         }
     }
@@ -248,7 +285,8 @@ impl LinkSettings {
     pub(super) fn of(kind: LinkKind) -> Self {
         let mut link = Self { kind, ..Self::default() };
         if link.kind.channels().is_some() {
-            (link.pace.pace, link.pace.rate_hz) = (PaceKind::Rate, SERVO_HZ);
+            let rate_hz = if link.kind.universe().is_some() { USUAL_HZ } else { SERVO_HZ };
+            (link.pace.pace, link.pace.rate_hz) = (PaceKind::Rate, rate_hz);
         }
         link
     }
@@ -326,7 +364,15 @@ impl fmt::Display for LinkSettings {
             LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) => path.display().fmt(f),
             kind => {
                 kind.address().iter().try_for_each(|address| address.fmt(f))?;
-                kind.line().iter().try_for_each(|(device, ..)| device.fmt(f))
+                kind.line().iter().try_for_each(|(device, ..)| device.fmt(f))?;
+                // sACN counts universes from 1, Art-Net from 0.
+                match kind {
+                    LinkKind::Sacn(it) => {
+                        write!(f, ", universe {} ({} by Art-Net)", it.universe, it.universe.max(1) - 1)
+                    }
+                    LinkKind::ArtNet(it) => write!(f, ", universe {} ({} by sACN)", it.universe, it.universe + 1),
+                    _ => Ok(()),
+                }
             }
         }
     }

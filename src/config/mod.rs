@@ -20,7 +20,7 @@ pub use overlay::Faults;
 pub use schema::schema;
 pub use settings::*;
 pub(crate) use value::quoted;
-pub use value::{Address, Choice, JsonTarget, Listen, Parameters, Scene, Script, SerialDevice};
+pub use value::{Address, Choice, JsonTarget, Listen, Scene, Script, SerialDevice};
 
 use self::overlay::{Entry, Overlay, Section as _};
 use crate::calibration::WearerName;
@@ -70,6 +70,9 @@ pub fn default_link(name: &str) -> Option<String> {
         shared("loss", &quoted(link.pace.loss.name()))?,
         shared("adjust", "{}")?,
     ];
+    // Addresses of a universe count from 1.
+    let first = if link.kind.universe().is_some() { "\nchannel = 1\n" } else { "\nchannel = 0\n" };
+    let channel = channel.replace("\nchannel = 0\n", first);
     let channel = link.keys().contains(&"channel").then(|| format!("\n[[link.channel]]\n{channel}"));
     Some(format!("[[link]]\n{}{}", paragraphs.join("\n"), channel.unwrap_or_default()))
 }

@@ -68,10 +68,13 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         assert_explained(&heading, &text);
         let mut want = LinkSettings::of(LinkKind::named(name).unwrap());
         if let LinkKind::Maestro(MaestroSettings { channels, .. })
-        | LinkKind::Pca9685(Pca9685Settings { channels, .. }) = &mut want.kind
+        | LinkKind::Pca9685(Pca9685Settings { channels, .. })
+        | LinkKind::Sacn(SacnSettings { channels, .. })
+        | LinkKind::ArtNet(ArtNetSettings { channels, .. }) = &mut want.kind
         {
             assert_explained(&format!("{heading}[[link.channel]]\n"), &text);
-            let mut jaw = ChannelSettings::default();
+            let channel = u32::from(text.contains("\nuniverse = "));
+            let mut jaw = ChannelSettings { channel, ..ChannelSettings::default() };
             jaw.sources[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;
             channels.push(jaw);
         }
@@ -117,6 +120,8 @@ fn a_file_with_every_kind_of_link_loads_with_the_values_that_it_gives() {
     let settings = parse("file", EVERY_KEY).unwrap();
     assert_eq!(settings.changed_keys(&Settings::default()), keys(""), "the board and every table");
     assert_eq!(settings.links.len(), LinkKind::NAMES.len());
+    let shown = [7, 8].map(|index: usize| settings.links[index].to_string());
+    assert_eq!(shown, ["10.0.0.3:5568, universe 7 (6 by Art-Net)", "10.0.0.3:6454, universe 300 (301 by sACN)"]);
     let jaw = settings.links[0].adjust.coefficients[17];
     assert_eq!((jaw.gain, jaw.offset, jaw.min, jaw.max), (1.25, 0.0, 0.0, 0.9));
     let LinkKind::Maestro(maestro) = &settings.links[5].kind else { panic!() };

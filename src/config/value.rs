@@ -2,7 +2,7 @@
 
 use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
-use facewire_packet::formats::vrchat::Form;
+use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
 
 use super::overlay::{Entry, Overlay, Reader, Section};
@@ -186,6 +186,13 @@ impl fmt::Display for Address {
     }
 }
 
+/// Reads an address of this machine that sends, which no multicast group is. The port may be 0.
+pub fn local_address() -> impl Reader<Option<SocketAddr>> {
+    optional("an address of this machine in numbers and a port, or 0 for any, such as \"192.168.1.5:0\"", |text| {
+        text.parse().ok().filter(|from: &SocketAddr| !from.ip().is_multicast())
+    })
+}
+
 const ADDRESS: &str = "\"host:port\" with a port from 1 to 65535";
 
 pub fn address() -> impl Reader<Address> {
@@ -245,41 +252,8 @@ pub fn json_target() -> impl Reader<JsonTarget> {
     })
 }
 
-/// A list of parameters and the number of their bits. An empty list stands for all.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Parameters(Vec<(String, u32)>);
-
-pub const MOST_BITS: u32 = 8;
-
-impl Parameters {
-    pub const EXPECTED: &'static str = "\"\", or names of parameters of VRCFaceTracking v2 with commas between them, each \
-                                        with up to 8 bits, such as \"JawOpen, SmileFrown:4\"";
-
-    pub fn names_any(&self) -> bool {
-        !self.0.is_empty()
-    }
-
-    pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().map(|(name, _)| name.as_str())
-    }
-
-    /// Returns how the list wants this parameter to be sent, unless it is empty.
-    pub fn form_of(&self, name: &str) -> Option<Form> {
-        let named = self.0.iter().find(|(named, _)| *named == name);
-        let form = named.map(|(_, bits)| Form { number: *bits == 0, bits: *bits });
-        self.names_any().then(|| form.unwrap_or_default())
-    }
-}
-
 pub fn parameters() -> impl Reader<Parameters> {
-    parsed(Parameters::EXPECTED, |text| {
-        let entry = |entry: &str| {
-            let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
-            Some((name.to_owned(), bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?))
-        };
-        let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
-        entries.map(entry).collect::<Option<_>>().map(Parameters)
-    })
+    parsed(Parameters::EXPECTED, Parameters::parse)
 }
 
 const LONGEST_SCENE_S: f64 = 86_400.0;

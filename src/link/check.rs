@@ -7,16 +7,17 @@ use std::path::{Path, PathBuf};
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES};
 use facewire_packet::FRAME_BYTES;
 use facewire_packet::formats::LiveLink;
-use facewire_packet::formats::vrchat::PARAMETERS;
+use facewire_packet::formats::dmx::MOST_HZ;
+use facewire_packet::formats::vrchat::{PARAMETERS, Parameters};
 
 use crate::config::{
-    AutoDevice, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings, Listen,
-    LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ, SerialDevice,
-    Settings, VrchatSettings, quoted,
+    ArtNetSettings, AutoDevice, Choice as _, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind,
+    LinkSettings, Listen, Loss, MOST_MAESTRO_BAUD, PaceKind, Pca9685Settings, SLOWEST_LINK_HZ, SacnSettings,
+    SerialDevice, Settings, VrchatSettings, quoted,
 };
 use facewire_servo::ChannelSettings;
-use facewire_servo::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_PER_S};
-use facewire_servo::pca9685::CHANNELS;
+use facewire_servo::check::{Ability, Fault, faults, limited};
+use facewire_servo::maestro::COMMAND_BYTES;
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
 const LINE_SHARE: u64 = 80;
@@ -38,20 +39,16 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             check.speed(line);
         }
         match &link.kind {
-            LinkKind::Maestro(it) => {
-                // Those with 12 channels or more, which have the command for several targets, make longer pulses.
-                let longest_pulse_us = if it.multiple_targets { 4080 } else { 3280 };
-                let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-                let board = ServoBoard { name: "Maestro", last_channel: 23, longest_pulse_us, least_limits };
-                check.servos(&board, &it.channels);
-            }
+            LinkKind::Maestro(it) => check.servos(&Ability::maestro(it.multiple_targets), &it.channels),
             LinkKind::Pca9685(it) => {
                 check.chip(it);
-                let (longest_pulse_us, last_channel) = (it.period().longest_pulse_us() as u32, u32::from(CHANNELS) - 1);
-                let board = ServoBoard { name: "PCA9685", last_channel, longest_pulse_us, least_limits: [0.0; 2] };
-                check.servos(&board, &it.channels);
+                check.servos(&Ability::pca9685(it.period()), &it.channels);
                 let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";
                 check.need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
+            }
+            LinkKind::Sacn(SacnSettings { universe, from, channels, .. })
+            | LinkKind::ArtNet(ArtNetSettings { universe, from, channels, .. }) => {
+                check.universe(*universe, *from, channels);
             }
             LinkKind::IFacialMocap(it) => check.listener(it),
             LinkKind::Json(it) => check.socket(it, control),
@@ -62,14 +59,6 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
 }
 
 type Line<'a> = (&'a SerialDevice, u32, AutoDevice);
-
-struct ServoBoard {
-    name: &'static str,
-    last_channel: u32,
-    longest_pulse_us: u32,
-    /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
-    least_limits: [f32; 2],
-}
 
 struct Check<'a> {
     link: &'a LinkSettings,
@@ -144,58 +133,52 @@ impl Check<'_> {
         self.need(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
     }
 
-    fn servos(&mut self, board: &ServoBoard, channels: &[ChannelSettings]) {
+    fn servos(&mut self, board: &Ability, channels: &[ChannelSettings]) {
         self.need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
         let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
         self.need(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
-        for (index, channel) in channels.iter().enumerate() {
-            let number = channel.channel;
-            let is_first = channels.iter().take(index).all(|earlier| earlier.channel != number);
-            let expected = "a number that no earlier channel of this board has";
-            self.need(is_first, "link.channel.channel", number, expected);
-            let expected = format!("0 to {}: these are the channels of a {}", board.last_channel, board.name);
-            self.need(number <= board.last_channel, "link.channel.channel", number, expected);
-            // A source with a typing error counts for nothing.
-            if !self.faults.has_any_in("link.channel.sources") {
-                self.sources(channel);
-            }
-            self.motion(channel, board);
+        self.channels(board, channels);
+    }
+
+    fn channels(&mut self, board: &Ability, channels: &[ChannelSettings]) {
+        // A source with a typing error counts for nothing.
+        let has_sources = !self.faults.has_any_in("link.channel.sources");
+        for Fault { key, value, expected } in faults(board, channels, has_sources) {
+            self.faults.conflict(key, value, expected);
         }
     }
 
-    fn sources(&mut self, channel: &ChannelSettings) {
-        let number = channel.channel;
-        if channel.used_sources().next().is_none() {
-            let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
-            return self.faults.conflict("link.channel.sources", "{}", expected);
-        }
-        let [least, most] = range(channel);
-        let sum = format!("its sum goes from {least} to {most}, so that it always stays at one end");
-        let expected = format!("another offset for channel {number}: {sum}");
-        self.need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, expected);
+    /// Adds the faults of a universe: datagrams of two links in one universe would take turns, and nodes drop what is out of
+    /// order.
+    fn universe(&mut self, universe: u32, from: Option<SocketAddr>, channels: &[ChannelSettings]) {
+        let kind = &self.link.kind;
+        let place = |kind: &LinkKind| (kind.name(), kind.universe().map(|(number, _)| number), kind.address());
+        let is_taken = self.earlier.iter().any(|earlier| place(&earlier.kind) == place(kind));
+        let expected = "another universe or address, or all channels in one link: an earlier link has the same";
+        self.need(!is_taken, "link.universe", universe, expected);
+        let expected = "1 to 63999: sACN counts universes from 1, where Art-Net has 0";
+        self.need(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
+        let (pace, rate_hz) = (self.link.pace.pace, self.link.rate_hz(self.settings.send.rate_hz));
+        let expected = "\"rate\" for DMX: values that stay the same are sent less often all the same";
+        self.need(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
+        let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
+        self.need(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
+        self.channels(&Ability::DMX, channels);
+        from.iter().for_each(|from| self.sender(*from));
     }
 
-    fn motion(&mut self, channel: &ChannelSettings, board: &ServoBoard) {
-        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
-        let ServoBoard { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *board;
-        let at_1 = "link.channel.pulse_at_1_us";
-        for (key, pulse_us) in [("link.channel.pulse_at_0_us", pulse_at_0_us), (at_1, pulse_at_1_us)] {
-            let expected =
-                format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
-            self.need(pulse_us <= longest_pulse_us, key, pulse_us, expected);
-        }
-        let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
-        self.need(pulse_at_0_us != pulse_at_1_us, at_1, pulse_at_1_us, expected);
-        let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
-        let limits = [
-            ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
-            ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
-        ];
-        // A board that counts limits in units cannot keep one below a unit.
-        for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
-            let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
-            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
-            self.need(limit <= 0.0 || limit * span_us >= least, key, limit, expected);
+    /// Adds the faults of the address of this machine that a link sends from.
+    fn sender(&mut self, from: SocketAddr) {
+        let from_of = |link: &LinkSettings| link.kind.universe().and_then(|(_, from)| from);
+        let is_same = |other| from.port() > 0 && is_same_port(other, from);
+        let is_taken = self.earlier.iter().filter_map(from_of).any(is_same);
+        let receiver = self.link.kind.address().and_then(|address| address.as_str().parse().ok());
+        let is_mixed = receiver.is_some_and(|receiver: SocketAddr| receiver.is_ipv4() != from.is_ipv4());
+        for (is_wrong, expected) in [
+            (is_taken, "another port, or 0 for any, because an earlier link sends from there"),
+            (is_mixed, "an address like that of the receiver: one is of IPv4 and the other of IPv6"),
+        ] {
+            self.need(!is_wrong, "link.from", quoted(&from.to_string()), expected);
         }
     }
 
@@ -249,18 +232,6 @@ impl Check<'_> {
     }
 }
 
-/// Returns the least and the greatest position that the sum of a channel can have before it is limited, for coefficients
-/// from 0 to 1 and angles of the head up to 90 degrees.
-fn range(channel: &ChannelSettings) -> [f32; 2] {
-    let at = |end: fn(f32, f32) -> f32| {
-        let term = |(name, gain): (&str, f32)| {
-            if name.starts_with("head") { end(-90.0 * gain, 90.0 * gain) } else { end(0.0, gain) }
-        };
-        channel.offset + channel.used_sources().map(term).sum::<f32>()
-    };
-    [at(f32::min), at(f32::max)]
-}
-
 /// Whether the system lets only one of two sockets have its address.
 fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
     // A socket for all IPv6 addresses takes those of IPv4, too.
@@ -274,28 +245,14 @@ pub fn notes(settings: &Settings) -> Vec<String> {
     for link in &settings.links {
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
         if let LinkKind::LiveLink(it) = &link.kind {
-            notes.extend(note_of_names(it).map(|note| format!("{link}: {note}")));
+            notes.extend(LiveLink::note_of_names(&it.device_id, &it.subject).map(|note| format!("{link}: {note}")));
         }
         let channels = link.kind.channels().into_iter().flatten();
         notes.extend(channels.filter_map(|channel| {
-            let ([least, most], number) = (range(channel), channel.channel);
-            let sum = format!("channel {number} of {link}: the sum of its sources goes from {least} to {most}");
-            let is_limited = least < 0.0 || most > 1.0;
-            is_limited
-                .then(|| format!("{sum} and is limited to 0 to 1; with smaller numbers it would use its whole range"))
+            limited(channel).map(|note| format!("channel {} of {link}: {note}", channel.channel))
         }));
     }
     notes
-}
-
-/// Names with which some receivers do not read the datagrams.
-fn note_of_names(LiveLinkSettings { device_id, subject, .. }: &LiveLinkSettings) -> Option<String> {
-    let (bytes, usual) = (LiveLink::datagram_bytes(device_id, subject), LiveLink::USUAL_BYTES);
-    let sentence = format!(
-        "the datagrams have {bytes} bytes; a receiver that reads only {usual}, as a module of VRCFaceTracking may, \
-         needs a subject of 6 characters"
-    );
-    (bytes != usual).then_some(sentence)
 }
 
 fn notes_of_adjustments(table: &str, adjust: &Adjustments) -> Vec<String> {
@@ -314,6 +271,8 @@ mod tests {
 
     const MAESTRO: &str = "[[link]]\nkind = \"maestro\"\n";
     const PCA9685: &str = "[[link]]\nkind = \"pca9685\"\n";
+    const SACN: &str = "[[link]]\nkind = \"sacn\"\n";
+    const ARTNET: &str = "[[link]]\nkind = \"artnet\"\n";
     const JAW: &str = "[[link.channel]]\nchannel = 3\nsources = { jawOpen = 1.0 }\n";
     const JSON: &str = "[[link]]\nkind = \"json\"\nto = \"unix:/run/x\"\n";
     const SERIAL: &str = "[[link]]\nkind = \"serial\"\n";
@@ -329,22 +288,16 @@ mod tests {
     #[test]
     fn links_that_cannot_work_are_refused_with_key_value_and_remedy_and_others_are_accepted() {
         let channel_16 = JAW.replace('3', "16");
+        let jaw_at_512 = JAW.replace('3', "512") + "dmx = \"16-bit\"\n";
         let (acm0, by_id) = ("device = \"/dev/ttyACM0\"\n", "device = \"/dev/serial/by-id/x\"\n");
-        let cases: [(&[&str], &str); 31] = [
+        let (artnet_port, any_port) = ("from = \"0.0.0.0:6454\"\n", "from = \"192.168.1.5:0\"\n");
+        let (silent, elsewhere) = ("loss = \"silent\"\n", "address = \"10.0.0.1:6454\"\n");
+        let cases: [(&[&str], &str); 30] = [
             (&[MAESTRO], "link.channel = []: give at least one [[link.channel]]"),
-            (&[MAESTRO, JAW, JAW], "link.channel.channel = 3: give a number that no earlier channel of this board has"),
             (&[PCA9685, &channel_16], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),
             (&[MAESTRO, &channel_16], ""),
-            (&[MAESTRO, "[[link.channel]]\n"], "link.channel.sources = {}: give at least one source for channel 0"),
-            (&[MAESTRO, JAW, "offset = 1.0\n"], "link.channel.offset = 1: give another offset for channel 3: its"),
-            (&[MAESTRO, JAW, "pulse_at_1_us = 3281\n"], "link.channel.pulse_at_1_us = 3281: give at most 3280 for"),
             (&[MAESTRO, "multiple_targets = true\n", JAW, "pulse_at_1_us = 4080\n"], ""),
             (&[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"], "link.channel.pulse_at_0_us = 2600: give"),
-            (&[PCA9685, JAW, "pulse_at_0_us = 2000\n"], "link.channel.pulse_at_1_us = 2000: give another pulse than"),
-            (&[MAESTRO, JAW, "speed_per_s = 0.02\n"], "link.channel.speed_per_s = 0.02: give 0 or at least 0.025 for"),
-            (&[PCA9685, JAW, "speed_per_s = 0.02\n"], ""),
-            (&[MAESTRO, JAW, "acceleration_per_s2 = 0.3\n"], "link.channel.acceleration_per_s2 = 0.3: give 0 or at"),
-            (&[MAESTRO, JAW, "speed_per_s = 0.025\nacceleration_per_s2 = 0.313\n"], ""),
             (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for a PCA9685"),
             (&[MAESTRO, "loss = \"silent\"\n", JAW], "link.loss = \"silent\": give \"neutral\" or \"hold\" for a"),
             (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
@@ -353,6 +306,14 @@ mod tests {
             (&[MAESTRO, JAW, SERIAL], ""),
             // Two names may mean one port at present, and two others later.
             (&[SERIAL, acm0, SERIAL, by_id], ""),
+            (&[SACN, any_port, SACN, silent, "universe = 2\n", ARTNET, any_port, ARTNET, elsewhere], ""),
+            (&[SACN, SACN], "link.universe = 1: give another universe or address, or all channels in one link"),
+            (&[SACN, "universe = 0\n"], "link.universe = 0: give 1 to 63999: sACN counts universes from 1, where Art-"),
+            (&[ARTNET, "rate_hz = 45\n"], "link.rate_hz = 45: give 10 to 44: a DMX line carries no more"),
+            (&[SACN, artnet_port, ARTNET, artnet_port], "link.from = \"0.0.0.0:6454\": give another port"),
+            (&[SACN, "from = \"[::1]:0\"\n"], "link.from = \"[::1]:0\": give an address like that of the receiver"),
+            (&[ARTNET, "pace = \"pose\"\n"], "link.pace = \"pose\": give \"rate\" for DMX"),
+            (&[SACN, &jaw_at_512], "link.channel.channel = 512: give 1 to 511: these are the channels of a universe"),
             (&[JSON], ""),
             (&[JSON, JSON], "link.to = \"unix:/run/x\": give another path: an earlier link has this one"),
             (&["[metrics]\nlisten = \"unix:/run/x\"\n", JSON], "link.to = \"unix:/run/x\": give another path: metr"),

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use facewire_packet::Packet;
-use facewire_packet::formats::vrchat::{Form, Group, Parameter};
-use facewire_packet::formats::{IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
+use facewire_packet::formats::dmx::cid;
+use facewire_packet::formats::vrchat::{self, Group, Parameter};
+use facewire_packet::formats::{Dmx, IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
+use facewire_packet::{Packet, Reason, State};
 use facewire_servo::maestro::COMMAND_BYTES;
-use facewire_servo::{Board, Dials};
+use facewire_servo::{Board, Dials, dmx::Values};
 
 use super::Output;
 use crate::config::{LinkKind, VrchatSettings};
@@ -48,6 +49,15 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
                 send(&message);
             })
         }
+        LinkKind::Sacn(it) => {
+            // The hash of the identifier does not give it away.
+            let cid = cid(&[&facewire_board::machine_id(), &it.source]);
+            let format = Dmx::sacn(cid, &it.source, it.priority as u8, it.universe as u16);
+            dmx(format, Values::new(&it.channels, it.whole_face, dials), begun)
+        }
+        LinkKind::ArtNet(it) => {
+            dmx(Dmx::art_net(it.universe as u16), Values::new(&it.channels, it.whole_face, dials), begun)
+        }
         LinkKind::IFacialMocap(it) => {
             let mut format = IFacialMocap::new(it.version);
             Box::new(move |packet, _, send| format.encode(packet, send))
@@ -62,13 +72,21 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
     }
 }
 
-fn form_of(parameter: &Parameter, it: &VrchatSettings) -> Form {
+fn dmx(mut format: Dmx, mut values: Values, begun: Instant) -> Encoder {
+    Box::new(move |packet, output, send| {
+        // The way to neutral has this state as well, but it moves.
+        let is_last = (packet.state, packet.reason, output.moving) == (State::Neutral, Reason::Stopping, false);
+        format.encode(values.follow(packet, Instant::now()), is_last, begun.elapsed(), send);
+    })
+}
+
+fn form_of(parameter: &Parameter, it: &VrchatSettings) -> vrchat::Form {
     let is_wanted = match parameter.group {
         Group::Shape => it.shapes,
         Group::Compound => it.compounds,
         Group::Head => it.head,
     };
-    let general = if is_wanted { Form { number: it.floats, bits: it.bits } } else { Form::default() };
+    let general = if is_wanted { vrchat::Form { number: it.floats, bits: it.bits } } else { vrchat::Form::default() };
     it.parameters.form_of(&parameter.name).unwrap_or(general)
 }
 
@@ -81,7 +99,7 @@ pub fn packet(output: &Output, sequence: u16) -> Packet {
 
 #[cfg(test)]
 mod tests {
-    use facewire_packet::{FrameReader, NeutralFace, Pose, Reason, State};
+    use facewire_packet::{FrameReader, NeutralFace, Pose};
 
     use super::*;
     use crate::link::test_output;
@@ -134,7 +152,7 @@ mod tests {
             let parameters = facewire_packet::formats::vrchat::PARAMETERS.iter();
             let form = |name| form_of(parameters.clone().find(|parameter| parameter.name == name).unwrap(), &it);
             let forms = ["JawOpen", "SmileFrown", "Head/Yaw"].map(form);
-            assert_eq!(forms, want.map(|(number, bits)| Form { number, bits }), "{keys}");
+            assert_eq!(forms, want.map(|(number, bits)| vrchat::Form { number, bits }), "{keys}");
         }
     }
 }

@@ -109,7 +109,7 @@ impl Server {
         }
         let replaced = oldest.map(|(index, _)| index);
         // A receiver that this machine cannot reach gets no place.
-        let Ok(socket) = socket_for(address).and_then(|socket| socket.connect(address).map(|()| socket)) else {
+        let Ok(socket) = socket_for(address, None).and_then(|socket| socket.connect(address).map(|()| socket)) else {
             return;
         };
         self.log(now, format_args!("{address} asks for the face and gets it"));

@@ -61,7 +61,7 @@ pub struct Link {
 }
 
 /// Time between two messages to servos that an operator turns or has released, microseconds.
-const OPERATED_PERIOD_US: u64 = 20_000;
+const OPERATED_PERIOD_US: u64 = 25_000;
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link {message}")]
@@ -104,7 +104,7 @@ impl Link {
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let panel = Panel::new(settings, traffic);
         let shared = || Arc::clone(&panel);
-        let mut udp = settings.kind.address().map(|address| UdpCarrier::open(address, shared())).transpose()?;
+        let mut udp = settings.kind.address().map(|address| UdpCarrier::open(&address, shared())).transpose()?;
         let device = match &settings.kind {
             LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
             LinkKind::Pca9685(it) => {
@@ -137,7 +137,7 @@ impl Link {
 
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         if let Some(address) = settings.kind.address() {
-            udp::check(address)?;
+            udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
         } else if let LinkKind::Pca9685(board) = &settings.kind {
             pca9685::Bus::open(board)?;
         } else if let Some((device, baud, auto)) = settings.kind.line() {
@@ -155,7 +155,7 @@ impl Link {
 
     /// Returns an error if the link leads to a host name that does not resolve at this moment.
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
-        settings.kind.address().map_or(Ok(()), |address| udp::resolve(address).map(drop))
+        settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
     }
 
     /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may differ from those of the last call in everything but the kind.

@@ -7,13 +7,14 @@
 //! may change at any time. A look-up may take seconds, so it has a thread of its own, which hands over each new destination
 //! by a triple buffer.
 
-use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::io;
+use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::Builder;
 use std::time::Duration;
-use std::{fs, io};
 
+use facewire_board::name_server_remedy;
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
 use super::{LinkError, LinkErrorKind, Panel};
@@ -45,13 +46,15 @@ impl UdpCarrier {
         panel: Arc<Panel>,
     ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
-        let lookup = if let Ok(receiver) = address.as_str().parse() {
-            input.write(Some(open(address, receiver)?));
+        let from = panel.kind.universe().and_then(|(_, from)| from);
+        // An address of this machine may come late, as a host name may.
+        let lookup = if let (Ok(receiver), None) = (address.as_str().parse(), from) {
+            input.write(Some(open(address, receiver, None)?));
             None
         } else {
             let ((wake, woken), host, shared) = (sync_channel(1), address.clone(), Arc::clone(&panel));
             let thread = Builder::new().name("fw-lookup".to_owned());
-            let started = thread.spawn(move || look_up(&host, resolve, input, &woken, &shared));
+            let started = thread.spawn(move || look_up(&host, from, resolve, input, &woken, &shared));
             started.map_err(|error| LinkError::no_thread(address, error))?;
             Some(wake)
         };
@@ -84,25 +87,31 @@ impl UdpCarrier {
     }
 }
 
-fn open(address: &Address, receiver: SocketAddr) -> Result<Destination, LinkError> {
-    let opened = socket_for(receiver).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
+/// Opens a socket to this receiver. With an address of this machine, multicasts and broadcasts leave by its interface.
+fn open(address: &Address, receiver: SocketAddr, from: Option<SocketAddr>) -> Result<Destination, LinkError> {
+    let opened =
+        socket_for(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
     let socket = opened.map_err(|error| {
-        let sentence = format!("no socket ({error}); check that the service may use the network");
+        let remedy =
+            from.map(|from| format!("this machine has the address {}, and no other program its port", from.ip()));
+        let remedy = remedy.as_deref().unwrap_or("the service may use the network");
+        let sentence = format!("no socket ({error}); check that {remedy}");
         LinkError::new(LinkErrorKind::Other, address, sentence)
     })?;
     Ok((socket, receiver))
 }
 
 /// Opens a socket for datagrams to this receiver that never blocks.
-pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
-    let socket = UdpSocket::bind(if receiver.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })?;
+pub fn socket_for(receiver: SocketAddr, from: Option<SocketAddr>) -> io::Result<UdpSocket> {
+    let any = if receiver.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = from.map_or_else(|| UdpSocket::bind(any), UdpSocket::bind)?;
     socket.set_nonblocking(true)?;
     Ok(socket)
 }
 
 /// Tests whether this machine has a route to the address at this moment. Nothing is sent.
-pub fn check(address: &Address) -> Result<(), LinkError> {
-    let (socket, receiver) = open(address, resolve(address)?)?;
+pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<(), LinkError> {
+    let (socket, receiver) = open(address, resolve(address)?, from)?;
     socket.connect(receiver).map_err(|error| {
         let sentence = format!("no network leads there ({error}); check this machine's cable or Wi-Fi and the address");
         LinkError::new(LinkErrorKind::Host, address, sentence)
@@ -120,6 +129,7 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
 /// Looks a host name up at once, then periodically, and whenever it is woken. If that fails, the last destination stays.
 fn look_up(
     address: &Address,
+    from: Option<SocketAddr>,
     resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
     mut destination: Input<Option<Destination>>,
     woken: &Receiver<()>,
@@ -129,7 +139,7 @@ fn look_up(
     loop {
         let found = choose(address, resolve(address), current).and_then(|receiver| {
             if current != Some(receiver) {
-                destination.write(Some(open(address, receiver)?));
+                destination.write(Some(open(address, receiver, from)?));
                 tracing::info!("link {address}: packets go to {receiver}");
                 current = Some(receiver);
             }
@@ -156,9 +166,7 @@ fn choose(
     current: Option<SocketAddr>,
 ) -> Result<SocketAddr, LinkError> {
     let unresolved = |reason| {
-        let files = ["/proc/self/cgroup", "/etc/resolv.conf"].map(|path| fs::read_to_string(path).unwrap_or_default());
-        let sentence =
-            format!("the host does not resolve ({reason}); {}", remedy(files.each_ref().map(String::as_str)));
+        let sentence = format!("the host does not resolve ({reason}); {}", name_server_remedy());
         LinkError::new(LinkErrorKind::Host, address, sentence)
     };
     let found = found.map_err(|error| unresolved(error.to_string()))?;
@@ -167,37 +175,13 @@ fn choose(
     chosen.ok_or_else(|| unresolved("it has no address".to_owned()))
 }
 
-/// Says what may help if a host does not resolve. `cgroup` and `resolver` are `/proc/self/cgroup` and `/etc/resolv.conf`.
-///
-/// The unit allows nearby addresses only. A name server elsewhere then gets no question, and the C library reports a
-/// temporary failure.
-fn remedy([cgroup, resolver]: [&str; 2]) -> String {
-    let is_service = cgroup.lines().any(|line| line.contains(":/system.slice/") && line.ends_with(".service"));
-    let server = |line: &str| {
-        let address = line.trim().strip_prefix("nameserver")?.split_whitespace().next()?;
-        address.split('%').next()?.parse().ok()
-    };
-    let far = resolver.lines().filter_map(server).find(|server| !is_nearby(*server)).filter(|_| is_service);
-    let blocked = far.map(|server| {
-        format!(
-            ". If the unit keeps the service from the name server {server}, add it to the drop-in name-server.conf \
-             (docs/service.md)"
-        )
-    });
-    format!("check the spelling and the network, or give its address in numbers{}", blocked.unwrap_or_default())
-}
-
-fn is_nearby(address: IpAddr) -> bool {
-    match address {
-        IpAddr::V4(it) => it.is_loopback() || it.is_private() || it.is_link_local() || it.is_unspecified(),
-        IpAddr::V6(it) => it.is_loopback() || it.is_unique_local() || it.is_unicast_link_local() || it.is_unspecified(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::net::Ipv4Addr;
+
     use super::*;
-    use crate::link::testing::{PATIENCE, counts, eventually};
+    use crate::config::LinkSettings;
+    use crate::link::testing::{PATIENCE, counts, eventually, kind};
     use crate::skip::skip;
 
     const MESSAGE: &[u8] = b"message";
@@ -252,25 +236,9 @@ mod tests {
     #[test]
     fn an_address_that_cannot_be_reached_is_reported() {
         // A link-local address leads nowhere without the name of an interface. Without IPv6 there is no socket.
-        let error = check(&Address::new("[fe80::1]:5252").unwrap()).unwrap_err().to_string();
+        let error = check(&Address::new("[fe80::1]:5252").unwrap(), None).unwrap_err().to_string();
         let causes = ["no network leads there (", "no socket ("].map(|cause| format!("link [fe80::1]:5252: {cause}"));
         assert!(causes.iter().any(|cause| error.starts_with(cause)), "{error}");
-    }
-
-    #[test]
-    fn in_the_unit_a_name_server_at_a_public_address_is_named_with_the_drop_in() {
-        // 100.100.100.100 resolves in private networks that go by the addresses of providers.
-        let far = ["9.9.9.9", "2620:fe::fe", "100.100.100.100"].map(|server| (server, true));
-        let near = ["127.0.0.53", "192.168.1.1", "172.20.0.1", "fe80::1%eth0", "fd00::1", "::1"];
-        for (server, is_named) in far.into_iter().chain(near.map(|server| (server, false))) {
-            let resolver =
-                format!("# nameserver 8.8.8.8\nsearch lan\nnameserver 10.0.0.1\nnameserver\t{server}\noptions edns0\n");
-            let [unit, user] = ["0::/system.slice/facewire.service\n", "0::/user.slice/session-3.scope\n"]
-                .map(|cgroup| remedy([cgroup, &resolver]));
-            let name = format!("the name server {server}, add it to the drop-in name-server.conf");
-            assert_eq!((unit.contains(&name), unit.contains("drop-in")), (is_named, is_named), "{unit}");
-            assert!(unit.contains("check the spelling") && !user.contains("drop-in"), "{unit} {user}");
-        }
     }
 
     fn arrives(link: &mut UdpCarrier, socket: &UdpSocket) -> bool {
@@ -286,6 +254,30 @@ mod tests {
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
         eventually("localhost resolves", || arrives(&mut link, &socket));
         assert!(link.destination.read().as_ref().unwrap().0.broadcast().unwrap());
+    }
+
+    /// A link that sends from this address.
+    fn open_from(from: &str, address: &Address) -> UdpCarrier {
+        let kind = kind("artnet", &format!("from = \"{from}:0\""));
+        let settings = LinkSettings { kind, ..LinkSettings::default() };
+        UdpCarrier::open(address, Panel::new(&settings, &Arc::default())).unwrap()
+    }
+
+    #[test]
+    fn a_multicast_leaves_by_the_network_of_the_address_that_the_link_sends_from() {
+        let (socket, group) = (receiver("0.0.0.0:0"), Ipv4Addr::new(239, 255, 7, 9));
+        socket.join_multicast_v4(&group, &Ipv4Addr::LOCALHOST).unwrap();
+        let address = Address::new(&format!("{group}:{}", socket.local_addr().unwrap().port())).unwrap();
+        let mut link = open_from("127.0.0.1", &address);
+        eventually("the socket", || arrives(&mut link, &socket));
+    }
+
+    #[test]
+    fn an_address_that_this_machine_lacks_is_waited_for_and_told() {
+        let mut link = open_from("192.0.2.1", &Address::new("127.0.0.1:9").unwrap());
+        eventually("a word", || link.panel.trouble().is_some_and(|told| told.contains("has the address 192.0.2.1")));
+        link.send(MESSAGE);
+        assert_eq!((link.is_open(), counts(&link.panel)), (false, [0, 1]));
     }
 
     #[test]

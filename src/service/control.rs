@@ -525,7 +525,7 @@ impl Server {
         Ok(())
     }
 
-    fn set_driven(&mut self, jog: Option<(usize, u8, f32)>, pose: Option<Pose>) {
+    fn set_driven(&mut self, jog: Option<(usize, u16, f32)>, pose: Option<Pose>) {
         self.peers.puppet.write(pose);
         for (index, panel) in self.peers.counters.panels().iter().enumerate() {
             let of_panel = jog.filter(|(link, ..)| *link == index);

@@ -30,7 +30,7 @@ const DRIVEN_PERIOD_US: u64 = 20_000;
 const LONGEST_STOP_US: u64 = 500_000;
 /// Time between the last packets. A serial link drops a packet that it has not written when the next one comes, and
 /// interference that spoils one datagram often spoils those close to it.
-const STOPPING_PERIOD: Duration = Duration::from_millis(20);
+const STOPPING_PERIOD: Duration = Duration::from_millis(25);
 const STOPPING_PACKETS: usize = 3;
 /// Longest sleep of a replay. It bounds how late a signal is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -156,7 +156,7 @@ impl Links {
             let same = old.links.iter_mut().find(|(_, live, _)| Arc::ptr_eq(live, panel));
             *link = same.and_then(|(.., link)| link.take());
         }
-        old.send_last(last);
+        (0..STOPPING_PACKETS).for_each(|_| old.send_last(last));
         self.each().for_each(|(_, link)| link.refresh());
     }
 
@@ -349,7 +349,8 @@ mod tests {
         change.take_over(links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
         change.send_last(&test_output(State::Hold));
         let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
-        assert_eq!(seen(&old), [live, (State::Neutral, Reason::Stopping)]);
+        let neutral = (State::Neutral, Reason::Stopping);
+        assert_eq!(seen(&old), [live, neutral, neutral, neutral]);
         assert_eq!((seen(&kept), seen(&new)), (vec![live, hold], vec![hold]));
     }
 }

@@ -11,6 +11,8 @@ const VERSION: u8 = 6;
 const FRAMES_PER_S: i32 = 60;
 const VALUES: u8 = 61;
 const FIXED_BYTES: usize = 270;
+/// Bytes of a datagram that every receiver reads: some accept no other length.
+const USUAL_BYTES: usize = 312;
 /// The place of `mouthLeft` among the coefficients; `mouthRight` follows it.
 const MOUTH_LEFT: usize = 21;
 /// How many neutral faces a receiver gets before it is told that there is no face. It keeps the last values that it got,
@@ -29,9 +31,6 @@ pub struct LiveLink {
 }
 
 impl LiveLink {
-    /// Bytes of a datagram that every receiver reads: some accept no other length.
-    pub const USUAL_BYTES: usize = 312;
-
     /// Makes the format for this device and subject. `swap_mouth` exchanges `mouthLeft` and `mouthRight`.
     #[must_use]
     pub fn new(device_id: &str, subject: &str, swap_mouth: bool) -> Self {
@@ -44,10 +43,15 @@ impl LiveLink {
         Self { names_end: bytes.len(), bytes, swap_mouth, neutral_left: NEUTRAL_FACES, gaze: Gaze::default() }
     }
 
-    /// Returns the bytes of a datagram with a face.
+    /// Says that some receivers do not read datagrams with these names, if that is so.
     #[must_use]
-    pub const fn datagram_bytes(device_id: &str, subject: &str) -> usize {
-        FIXED_BYTES + device_id.len() + subject.len()
+    pub fn note_of_names(device_id: &str, subject: &str) -> Option<String> {
+        let (bytes, usual) = (datagram_bytes(device_id, subject), USUAL_BYTES);
+        let sentence = format!(
+            "the datagrams have {bytes} bytes; a receiver that reads only {usual}, as a module of VRCFaceTracking may, \
+             needs a subject of 6 characters"
+        );
+        (bytes != usual).then_some(sentence)
     }
 
     /// Sends the packet as one datagram. `now_us` is its time on a clock that does not wrap.
@@ -82,6 +86,11 @@ fn frame_time(now_us: u64) -> (i32, f32) {
     (i32::try_from(whole).unwrap_or(0), (frames % 1_000_000) as f32 / 1e6)
 }
 
+/// Returns the bytes of a datagram with a face.
+const fn datagram_bytes(device_id: &str, subject: &str) -> usize {
+    FIXED_BYTES + device_id.len() + subject.len()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::testing::{face, sent};
@@ -104,7 +113,7 @@ mod tests {
             let mut want = [0.0; 61];
             (want[0], want[21], want[22], want[51]) = (0.5, left, right, 1.0);
             let bytes = datagram(&mut LiveLink::new(DEVICE, "face", swap_mouth), &packet);
-            assert_eq!(bytes.len(), LiveLink::datagram_bytes(DEVICE, "face"));
+            assert_eq!(bytes.len(), datagram_bytes(DEVICE, "face"));
             let (begin, values) = bytes.split_at(NAMES.len() + TIME.len());
             assert_eq!(begin, [NAMES, TIME].concat());
             assert_eq!(values, want.map(f32::to_be_bytes).as_flattened());

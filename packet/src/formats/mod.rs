@@ -5,6 +5,7 @@
 //! was shut.
 
 mod angles;
+pub mod dmx;
 pub mod ifacialmocap;
 mod json_lines;
 mod live_link;
@@ -12,6 +13,7 @@ mod osc;
 mod vmc;
 pub mod vrchat;
 
+pub use dmx::Dmx;
 pub use ifacialmocap::IFacialMocap;
 pub use json_lines::JsonLines;
 pub use live_link::LiveLink;

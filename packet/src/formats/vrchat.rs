@@ -75,6 +75,50 @@ impl Vrchat {
     }
 }
 
+/// A list of parameters, each with the number of its bits: how a link sends some of them alone.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Parameters(Vec<(String, u32)>);
+
+/// Most bits of a binary parameter.
+pub const MOST_BITS: u32 = 8;
+
+impl Parameters {
+    /// What [`Parameters::parse`] takes, for messages.
+    pub const EXPECTED: &'static str = "\"\", or names of parameters of VRCFaceTracking v2 with commas between them, each \
+                                        with up to 8 bits, such as \"JawOpen, SmileFrown:4\"";
+
+    /// Reads names with commas between them, each with a colon and its bits if it is binary. Returns `None` for bits that
+    /// are not a number from 0 to [`MOST_BITS`]. Whether names exist is not judged.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        let entry = |entry: &str| {
+            let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
+            Some((name.to_owned(), bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?))
+        };
+        let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
+        entries.map(entry).collect::<Option<_>>().map(Self)
+    }
+
+    /// Whether the list names any parameter. An empty list stands for all.
+    #[must_use]
+    pub fn names_any(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// Returns the names in their order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// Returns how the list wants this parameter to be sent, unless it is empty.
+    #[must_use]
+    pub fn form_of(&self, name: &str) -> Option<Form> {
+        let named = self.0.iter().find(|(named, _)| *named == name);
+        let form = named.map(|(_, bits)| Form { number: *bits == 0, bits: *bits });
+        self.names_any().then(|| form.unwrap_or_default())
+    }
+}
+
 fn add(entries: &mut Vec<Entry>, parameter: &'static Parameter, prefix: &str, Form { number, bits }: Form) {
     let address = format!("/avatar/parameters/{prefix}v2/{}", parameter.name);
     if number {

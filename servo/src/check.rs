@@ -1,0 +1,234 @@
+//! Channels that a board cannot follow, and what to give instead.
+
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+use crate::maestro::{ACCELERATION_UNIT_US_PER_S2, SPEED_UNIT_US_PER_S};
+use crate::pca9685::{CHANNELS, Period};
+use crate::{ChannelSettings, Form, dmx::PULSES_US};
+
+/// What boards of a kind can do.
+pub struct Ability {
+    name: &'static str,
+    /// The numbers of channels.
+    channels: RangeInclusive<u32>,
+    longest_pulse_us: u32,
+    /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
+    least_limits: [f32; 2],
+}
+
+impl Ability {
+    /// The values of a universe stand for pulses, and a channel of 16 bits takes two addresses.
+    pub const DMX: Self =
+        Self { name: "universe", channels: 1..=512, longest_pulse_us: u16::MAX as u32, least_limits: [0.0; 2] };
+
+    /// Maestros with 12 channels or more, which have the command for several targets, make longer pulses.
+    #[must_use]
+    pub fn maestro(has_multiple_targets: bool) -> Self {
+        let longest_pulse_us = if has_multiple_targets { 4080 } else { 3280 };
+        let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
+        Self { name: "Maestro", channels: 0..=23, longest_pulse_us, least_limits }
+    }
+
+    /// A pulse of a PCA9685 ends within the period.
+    #[must_use]
+    pub fn pca9685(period: Period) -> Self {
+        let (longest_pulse_us, channels) = (period.longest_pulse_us() as u32, 0..=u32::from(CHANNELS) - 1);
+        Self { name: "PCA9685", channels, longest_pulse_us, least_limits: [0.0; 2] }
+    }
+
+    fn is_dmx(&self) -> bool {
+        self.name == Self::DMX.name
+    }
+}
+
+/// A setting of a channel that cannot work: its key, its value, and what follows "give".
+#[derive(Debug)]
+pub struct Fault {
+    pub key: &'static str,
+    pub value: String,
+    pub expected: String,
+}
+
+/// Returns the faults of the channels of one board. Their sources are not judged if some of them could not be read.
+#[must_use]
+pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) -> Vec<Fault> {
+    let mut check = Check { board, faults: Vec::new() };
+    for (index, channel) in channels.iter().enumerate() {
+        check.number(channel, channels.get(..index).unwrap_or_default());
+        if has_sources {
+            check.sources(channel);
+        }
+        check.motion(channel);
+    }
+    check.faults
+}
+
+/// Says that the sum of a channel is limited, if it can leave 0 to 1. That may be meant.
+#[must_use]
+pub fn limited(channel: &ChannelSettings) -> Option<String> {
+    let [least, most] = channel.range();
+    let sum = format!("the sum of its sources goes from {least} to {most} and is limited to 0 to 1");
+    (least < 0.0 || most > 1.0).then(|| format!("{sum}; with smaller numbers it would use its whole range"))
+}
+
+struct Check<'a> {
+    board: &'a Ability,
+    faults: Vec<Fault>,
+}
+
+impl Check<'_> {
+    fn need(&mut self, is_good: bool, key: &'static str, value: impl Display, expected: String) {
+        if !is_good {
+            self.faults.push(Fault { key, value: value.to_string(), expected });
+        }
+    }
+
+    fn number(&mut self, channel: &ChannelSettings, earlier: &[ChannelSettings]) {
+        let Ability { name, channels, .. } = self.board;
+        let (key, number, is_dmx) = ("link.channel.channel", channel.channel, self.board.is_dmx());
+        let overlaps = |other: &&ChannelSettings| {
+            let [one, other] = [channel.addresses(), other.addresses()];
+            if is_dmx { one.start < other.end && other.start < one.end } else { one.start == other.start }
+        };
+        if let Some(other) = earlier.iter().find(overlaps) {
+            let [taken, wanted] = [other, channel].map(|it| (it.channel, it.addresses().end - 1));
+            let expected = if is_dmx && taken != wanted {
+                let list = |(first, last): (u32, u32)| {
+                    if first == last { first.to_string() } else { format!("{first} and {last}") }
+                };
+                let why = format!("channel {} takes {}, and this one {}", taken.0, list(taken), list(wanted));
+                format!("addresses that no earlier channel takes: {why}")
+            } else {
+                "a number that no earlier channel of this board has".to_owned()
+            };
+            self.need(false, key, number, expected);
+        }
+        let [first, last] = [*channels.start(), *channels.end()];
+        let (last, two) =
+            if is_dmx && channel.dmx.width() > 1 { (last - 1, ", and one of 16 bits takes two") } else { (last, "") };
+        let expected = format!("{first} to {last}: these are the channels of a {name}{two}");
+        self.need((first..=last).contains(&number), key, number, expected);
+    }
+
+    fn sources(&mut self, channel: &ChannelSettings) {
+        let number = channel.channel;
+        if channel.used_sources().next().is_none() {
+            let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
+            return self.need(false, "link.channel.sources", "{}", expected);
+        }
+        let [least, most] = channel.range();
+        let sum = format!("its sum goes from {least} to {most}, so that it always stays at one end");
+        let expected = format!("another offset for channel {number}: {sum}");
+        self.need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, expected);
+    }
+
+    fn motion(&mut self, channel: &ChannelSettings) {
+        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+        let Ability { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *self.board;
+        let at_1 = "link.channel.pulse_at_1_us";
+        for (key, pulse_us) in [("link.channel.pulse_at_0_us", pulse_at_0_us), (at_1, pulse_at_1_us)] {
+            let expected =
+                format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
+            self.need(pulse_us <= longest_pulse_us, key, pulse_us, expected);
+            let [least_us, most_us] = PULSES_US;
+            let values =
+                format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
+            let is_value = !self.board.is_dmx() || channel.dmx == Form::Microseconds;
+            let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
+            self.need(is_value || (least_us..=most_us).contains(&pulse_us), key, pulse_us, expected);
+        }
+        let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
+        self.need(pulse_at_0_us != pulse_at_1_us, at_1, pulse_at_1_us, expected);
+        let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
+        let limits = [
+            ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
+            ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
+        ];
+        // A board that counts limits in units cannot keep one below a unit.
+        for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
+            let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
+            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
+            self.need(limit <= 0.0 || limit * span_us >= least, key, limit, expected);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::channel::tests::valued;
+
+    fn jaw(channel: u32) -> ChannelSettings {
+        ChannelSettings { channel, sources: valued(&[("jawOpen", 1.0)]), ..ChannelSettings::default() }
+    }
+
+    fn told(board: &Ability, channels: &[ChannelSettings]) -> String {
+        let fault = |Fault { key, value, expected }| format!("{key} = {value}: give {expected}");
+        faults(board, channels, true).into_iter().map(fault).collect::<Vec<_>>().join("\n")
+    }
+
+    #[test]
+    fn what_a_board_cannot_follow_is_refused_with_key_value_and_remedy() {
+        let with = |change: fn(&mut ChannelSettings)| {
+            let mut channel = jaw(3);
+            change(&mut channel);
+            channel
+        };
+        for (channel, want) in [
+            (jaw(3), ""),
+            (jaw(24), "link.channel.channel = 24: give 0 to 23: these are the channels of a Maestro"),
+            (with(|it| it.sources.fill(0.0)), "link.channel.sources = {}: give at least one source for channel 3"),
+            (with(|it| it.offset = 1.0), "link.channel.offset = 1: give another offset for channel 3: its sum goes"),
+            (with(|it| it.pulse_at_1_us = 3281), "link.channel.pulse_at_1_us = 3281: give at most 3280 for channel 3"),
+            (with(|it| it.pulse_at_0_us = 2000), "link.channel.pulse_at_1_us = 2000: give another pulse than"),
+            (with(|it| it.speed_per_s = 0.02), "link.channel.speed_per_s = 0.02: give 0 or at least 0.025 for"),
+            (with(|it| it.speed_per_s = 0.025), ""),
+            (with(|it| it.acceleration_per_s2 = 0.3), "link.channel.acceleration_per_s2 = 0.3: give 0 or at least"),
+            (with(|it| it.acceleration_per_s2 = 0.313), ""),
+        ] {
+            let told = told(&Ability::maestro(false), &[channel]);
+            assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");
+        }
+        let slow_or_late = [with(|it| it.speed_per_s = 0.02), with(|it| it.pulse_at_0_us = 2600)];
+        for (board, want) in [
+            (Ability::maestro(false), "speed_per_s = 0.02"),
+            (Ability::pca9685(Period::new(400, 25_000_000)), "pulse_at_0_us = 2600"),
+        ] {
+            let told = slow_or_late.each_ref().map(|channel| told(&board, std::slice::from_ref(channel))).concat();
+            assert!(told.starts_with(&format!("link.channel.{want}: give")) && !told.contains('\n'), "{told}");
+        }
+        let twice = "link.channel.channel = 3: give a number that no earlier channel of this board has";
+        assert_eq!(told(&Ability::maestro(false), &[jaw(3), jaw(3)]), twice);
+        let wide = ChannelSettings { dmx: Form::Bits16, ..jaw(3) };
+        assert_eq!(told(&Ability::maestro(false), &[wide, jaw(4)]), "", "the form is that of DMX alone");
+        assert!(faults(&Ability::maestro(false), &[with(|it| it.sources.fill(0.0))], false).is_empty());
+    }
+
+    #[test]
+    fn channels_of_a_universe_overlap_neither_each_other_nor_its_end_and_keep_within_its_values() {
+        let form = |channel, dmx| ChannelSettings { dmx, ..jaw(channel) };
+        let pulse = |pulse_at_1_us, dmx| ChannelSettings { pulse_at_1_us, ..form(1, dmx) };
+        let (one, two) = (Form::Bits8, Form::Bits16);
+        for (channels, want) in [
+            (&[form(1, one), form(2, two), form(4, one), form(511, two)][..], ""),
+            (&[jaw(0)], "link.channel.channel = 0: give 1 to 512: these are the channels of a universe"),
+            (&[form(512, one)], ""),
+            (&[form(512, two)], "link.channel.channel = 512: give 1 to 511: these are the channels of a universe, and"),
+            (
+                &[form(10, two), form(11, one)],
+                "link.channel.channel = 11: give addresses that no earlier channel takes: channel 10",
+            ),
+            (
+                &[form(11, one), form(10, two)],
+                "link.channel.channel = 10: give addresses that no earlier channel takes: channel 11",
+            ),
+            (&[form(9, one), form(9, one)], "link.channel.channel = 9: give a number that no earlier channel"),
+            (&[pulse(2100, one)], "link.channel.pulse_at_1_us = 2100: give 1000 to 2000 for channel 1: the lowest"),
+            (&[pulse(2100, Form::Microseconds)], ""),
+        ] {
+            let told = told(&Ability::DMX, channels);
+            assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");
+        }
+    }
+}

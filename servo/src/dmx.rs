@@ -1,0 +1,188 @@
+//! DMX: the channels of servos, or the whole face, as the values of a universe.
+//!
+//! A node that moves servos, such as FPP, turns the lowest value into its shortest pulse and the highest into its longest,
+//! which are 1000 and 2000 µs unless somebody changes them, or takes the value for the pulse itself. It takes 0 for "no
+//! data". So a channel never has the value 0 as long as it has a pulse, and always when it has none.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use facewire_packet::Packet;
+
+use crate::{Board, ChannelSettings, Dials, SOURCE_NAMES};
+
+/// The values of a universe in the order of their addresses, which count from 1.
+pub type Universe = [u8; 512];
+
+/// The pulses of the lowest and the highest value, µs.
+pub const PULSES_US: [u32; 2] = [1000, 2000];
+
+/// How a channel is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// 1 to 255.
+    Bits8,
+    /// 1 to 65535 at two addresses, of which the first has the upper 8 bits.
+    Bits16,
+    /// The pulse in microseconds, at two addresses as well.
+    Microseconds,
+}
+
+impl Form {
+    /// How many addresses a channel takes.
+    #[must_use]
+    pub fn width(self) -> u32 {
+        if self == Self::Bits8 { 1 } else { 2 }
+    }
+
+    fn value(self, pulse_us: f32) -> u16 {
+        let [least_us, most_us] = PULSES_US.map(|pulse_us| pulse_us as f32);
+        let position = ((pulse_us - least_us) / (most_us - least_us)).clamp(0.0, 1.0);
+        match self {
+            Self::Bits8 => 1 + (position * 254.0).round() as u16,
+            Self::Bits16 => 1 + (position * 65_534.0).round() as u16,
+            Self::Microseconds => pulse_us.round().max(1.0) as u16,
+        }
+    }
+}
+
+impl ChannelSettings {
+    /// The addresses of the channel in a universe.
+    #[must_use]
+    pub fn addresses(&self) -> Range<u32> {
+        self.channel..self.channel + self.dmx.width()
+    }
+
+    /// The channels of the whole face, from address 1: each coefficient, and each angle of the head from -90 to 90 degrees.
+    #[must_use]
+    pub fn whole_face(dmx: Form) -> Vec<Self> {
+        let channel = |(index, name): (usize, &&str)| {
+            let mut channel = Self { channel: 1 + index as u32 * dmx.width(), dmx, ..Self::default() };
+            let (gain, offset) = if name.starts_with("head") { (1.0 / 180.0, 0.5) } else { (1.0, 0.0) };
+            channel.offset = offset;
+            channel.sources.iter_mut().skip(index).take(1).for_each(|source| *source = gain);
+            channel
+        };
+        SOURCE_NAMES.iter().enumerate().map(channel).collect()
+    }
+}
+
+/// The channels of one universe, and their values.
+pub struct Values {
+    board: Board,
+    universe: Universe,
+}
+
+impl Values {
+    /// Without channels, the universe has the [whole face](ChannelSettings::whole_face) in the form `whole_face`.
+    #[must_use]
+    pub fn new(channels: &[ChannelSettings], whole_face: Form, dials: &Arc<Dials>) -> Self {
+        let face = if channels.is_empty() { ChannelSettings::whole_face(whole_face) } else { channels.to_vec() };
+        Self { board: Board::new(&face, dials), universe: [0; 512] }
+    }
+
+    /// Moves the channels with the face, within their limits. Addresses that no channel has are 0.
+    pub fn follow(&mut self, packet: &Packet, now: Instant) -> &Universe {
+        for channel in self.board.follow(packet, now) {
+            let (settings, pulse_us) = (&channel.settings, channel.now_us());
+            let value = pulse_us.map_or(0, |pulse_us| settings.dmx.value(pulse_us)).to_be_bytes();
+            let bytes = if settings.dmx.width() == 1 { &value[1..] } else { &value };
+            let first = settings.channel.saturating_sub(1) as usize;
+            self.universe.iter_mut().skip(first).zip(bytes).for_each(|(to, from)| *to = *from);
+        }
+        &self.universe
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{AtLoss, Operator, channel::tests::valued};
+    use facewire_packet::{Reason, State};
+    use std::sync::atomic::Ordering::Relaxed;
+    use std::time::Duration;
+
+    fn channel(channel: u32, dmx: Form) -> ChannelSettings {
+        ChannelSettings { channel, dmx, sources: valued(&[("jawOpen", 1.0)]), ..ChannelSettings::default() }
+    }
+
+    fn face(state: State, jaw_open: f32) -> Packet {
+        let mut packet = Packet { state, ..Packet::NEUTRAL };
+        packet.coefficients[17] = jaw_open;
+        packet
+    }
+
+    fn values(channels: &[ChannelSettings]) -> (Values, Arc<Operator>) {
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(channels, &operator));
+        (Values::new(channels, Form::Bits16, &dials), operator)
+    }
+
+    #[test]
+    fn a_pulse_is_a_value_of_8_or_16_bits_or_itself_with_the_upper_byte_first_and_is_never_0() {
+        let ends =
+            |pulse_at_0_us, pulse_at_1_us, it: ChannelSettings| ChannelSettings { pulse_at_0_us, pulse_at_1_us, ..it };
+        let channels = [
+            channel(1, Form::Bits8),
+            channel(2, Form::Bits16),
+            channel(511, Form::Microseconds),
+            ends(1750, 1250, channel(300, Form::Bits8)),
+        ];
+        let (mut values, _) = values(&channels);
+        for (jaw_open, want, of_narrow) in [
+            (-1.0, [1, 0, 1, 0x03, 0xE8], 192),
+            (0.5, [128, 0x80, 0x00, 0x05, 0xDC], 128),
+            (f32::INFINITY, [255, 0xFF, 0xFF, 0x07, 0xD0], 65),
+            (f32::NAN, [255, 0xFF, 0xFF, 0x07, 0xD0], 65),
+        ] {
+            let universe = values.follow(&face(State::Live, jaw_open), Instant::now());
+            assert_eq!([0, 1, 2, 510, 511].map(|place: usize| universe[place]), want, "{jaw_open}");
+            assert_eq!((universe[299], universe.iter().filter(|value| **value > 0).count() <= 6), (of_narrow, true));
+        }
+        assert_eq!([0.0, 64.0, 999.0, 1e9].map(|us| Form::Bits16.value(us)), [1, 1, 1, 65_535]);
+        assert_eq!([f32::NAN, -5.0, 1e9].map(|us| Form::Microseconds.value(us)), [1, 1, 65_535]);
+    }
+
+    #[test]
+    fn a_channel_is_0_once_the_face_is_lost_only_if_it_is_to_be_released_and_on_the_word_of_an_operator() {
+        let release = ChannelSettings { loss: AtLoss::Release, ..channel(2, Form::Bits8) };
+        let (mut values, operator) = values(&[channel(1, Form::Bits8), release]);
+        let mut now = Instant::now();
+        let mut first_two = |state, reason| {
+            now += Duration::from_millis(25);
+            let universe = values.follow(&Packet { reason, ..face(state, 1.0) }, now);
+            [universe[0], universe[1]]
+        };
+        assert_eq!(first_two(State::Live, Reason::None), [255, 255]);
+        assert_eq!(first_two(State::Decay, Reason::NoFace), [255, 255]);
+        assert_eq!(first_two(State::Neutral, Reason::NoFace), [1, 0]);
+        assert_eq!(first_two(State::Live, Reason::None), [255, 255]);
+        operator.is_released.store(true, Relaxed);
+        assert_eq!(first_two(State::Live, Reason::None), [0, 0]);
+    }
+
+    #[test]
+    fn a_slow_channel_moves_by_as_much_as_its_limit_allows() {
+        let (mut values, _) = values(&[ChannelSettings { speed_per_s: 1.0, ..channel(7, Form::Bits8) }]);
+        let begun = Instant::now();
+        let shown: Vec<u8> = (0..5)
+            .map(|step| values.follow(&face(State::Live, 1.0), begun + step * Duration::from_millis(100))[6])
+            .collect();
+        // Within the first step no time has passed.
+        assert_eq!(shown, [1, 26, 52, 77, 103]);
+    }
+
+    #[test]
+    fn the_whole_face_has_55_channels_from_address_1_without_gaps_and_a_straight_head_in_their_middle() {
+        for (form, last) in [(Form::Bits8, 55), (Form::Bits16, 110)] {
+            let face = ChannelSettings::whole_face(form);
+            assert!(face.windows(2).all(|pair| pair[0].addresses().end == pair[1].channel));
+            assert_eq!((face[0].channel, face[54].addresses().end), (1, last + 1));
+        }
+        let (mut values, _) = values(&[]);
+        let universe = values.follow(&face(State::Live, 1.0), Instant::now());
+        assert_eq!((&universe[34..36], &universe[104..112]), (&[255, 255][..], &[128, 0, 128, 0, 128, 0, 0, 0][..]));
+        assert_eq!(universe[..2], [0, 1]);
+    }
+}

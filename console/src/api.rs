@@ -27,7 +27,7 @@ use crate::{
     control::ControlError,
     files::on_another_thread,
     report,
-    settings::{self, Fault},
+    settings::{self, Fault, SettingsFile},
     web::{Body, Refusal},
 };
 
@@ -136,7 +136,7 @@ impl Call<'_> {
             }),
             "status" => self.status().await,
             "settings" => match query.and_then(|query| query.strip_prefix("version=")) {
-                Some(id) => json!({"text": console.settings.old_text(id)?.ok_or(Refusal::NOT_FOUND)?}),
+                Some(id) => json!({"text": self.old_text(id.to_owned()).await?}),
                 None => self.settings().await?,
             },
             "wearers" => {
@@ -144,7 +144,8 @@ impl Call<'_> {
                 reply.get_mut("wearers").map(Value::take).unwrap_or_default()
             }
             "recordings" => {
-                let list = console.recordings.list()?;
+                let recordings = console.recordings.clone();
+                let list = on_another_thread(move || recordings.list()).await?;
                 json!({"list": list, "free_bytes": console.recordings.free_bytes()})
             }
             "history" => console.history.lock().unwrap_or_else(PoisonError::into_inner).to_json(),
@@ -198,7 +199,7 @@ impl Call<'_> {
             }
             "settings/check" => {
                 let Text { text } = body.read().await?;
-                let changed = settings::changed(&console.settings.text()?, &text);
+                let changed = settings::changed(&console.settings.on_disk(SettingsFile::text).await?, &text);
                 let faults = console.faults(&text).await?;
                 return Ok(ok(&json!({"faults": faults, "changed": changed, "values": settings::values(&text)})));
             }
@@ -214,8 +215,7 @@ impl Call<'_> {
             }
             "settings/restore" => {
                 let Version { id } = body.read().await?;
-                let text = console.settings.old_text(&id)?.ok_or(Refusal::NOT_FOUND)?;
-                return self.keep(text, None).await;
+                return self.keep(self.old_text(id).await?, None).await;
             }
             "settings/reload" => {
                 body.read::<Nothing>().await?;
@@ -312,9 +312,8 @@ impl Call<'_> {
 
     async fn settings(&self) -> Result<Value, Refusal> {
         let console = self.console;
-        let text = console.settings.text()?;
-        let old = Arc::clone(console);
-        let versions = on_another_thread(move || old.settings.old_versions()).await?;
+        let text = console.settings.on_disk(SettingsFile::text).await?;
+        let versions = console.settings.on_disk(SettingsFile::old_versions).await?;
         let schema = console.program.run(&["defaults", "--schema"], "").await?;
         let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
         Ok(json!({
@@ -326,6 +325,11 @@ impl Call<'_> {
             "faults": console.faults(&text).await?,
             "versions": versions,
         }))
+    }
+
+    async fn old_text(&self, id: String) -> Result<String, Refusal> {
+        let found = self.console.settings.on_disk(move |file| file.old_text(&id)).await?;
+        found.ok_or(Refusal::NOT_FOUND)
     }
 
     /// Keeps settings without a fault, and has the service read them. `base` is the hash of the text that they change.
@@ -428,7 +432,7 @@ impl Call<'_> {
     }
 }
 
-async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Answer {
+async fn keep(console: &Console, text: String, base: Option<String>) -> Answer {
     if text.len() > settings::MOST_BYTES {
         return Err(TOO_LONG);
     }
@@ -437,7 +441,7 @@ async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Ans
         return Ok(refused(first, &faults));
     }
     let _turn = console.keeping.lock().await;
-    let former = console.settings.text().unwrap_or_default();
+    let former = console.settings.on_disk(SettingsFile::text).await.unwrap_or_default();
     if base.is_some_and(|base| base != settings::hash(&former)) {
         return Err(CHANGED);
     }
@@ -452,8 +456,8 @@ async fn keep(console: &Arc<Console>, text: String, base: Option<String>) -> Ans
             ));
         }
     }
-    let (keeper, new) = (Arc::clone(console), text.clone());
-    on_another_thread(move || keeper.settings.keep(&new)).await?;
+    let new = text.clone();
+    console.settings.on_disk(move |file| file.keep(&new)).await?;
     let (mut done, is_away) = match console.reload().await {
         Ok(done) => (done, false),
         Err(ControlError::Away) => ("the settings are kept for the next start of the service".to_owned(), true),

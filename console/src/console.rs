@@ -21,7 +21,6 @@ use crate::{
     access::Access,
     args::Args,
     control::{Control, ControlError},
-    files::on_another_thread,
     program::Program,
     recordings::Recordings,
     servos::Servos,
@@ -101,7 +100,7 @@ impl Console {
     }
 
     /// Has the service read the settings.
-    pub async fn reload(self: &Arc<Self>) -> Result<String, ControlError> {
+    pub async fn reload(&self) -> Result<String, ControlError> {
         let reloaded = self.control.tell(&Request::Reload {}).await;
         let is_refused = match &reloaded {
             Ok(_) => false,
@@ -110,8 +109,7 @@ impl Console {
             Err(_) => return reloaded,
         };
         // Where the mark cannot be written, as on a full disk, these settings are offered again.
-        let console = Arc::clone(self);
-        let _ = on_another_thread(move || console.settings.mark(is_refused)).await;
+        let _ = self.settings.on_disk(move |file| file.mark(is_refused)).await;
         reloaded
     }
 
@@ -141,7 +139,7 @@ impl Console {
 
     /// Returns the status for the pages, and the metrics of the service if it runs.
     pub async fn look(&self) -> (Value, Option<String>) {
-        let text = self.settings.text();
+        let text = self.settings.on_disk(SettingsFile::text).await;
         let refused = match &text {
             Ok(text) => {
                 self.faults(text).await.map(|faults| faults.iter().map(sentence).collect::<Vec<_>>().join("\n"))

@@ -13,6 +13,7 @@ use tokio::process::Command;
 use crate::{
     console::{Console, sentence},
     program,
+    settings::SettingsFile,
 };
 
 /// Settings whose value tells who or where somebody is.
@@ -21,7 +22,7 @@ const LOG_LINES: &str = "200";
 
 pub async fn write(console: &Console) -> String {
     let (mut status, _) = console.look().await;
-    let text = console.settings.text().unwrap_or_default();
+    let text = console.settings.on_disk(SettingsFile::text).await.unwrap_or_default();
     let faults = console.faults(&text).await.unwrap_or_default();
     let faults: Vec<String> = faults.iter().map(sentence).collect();
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim_matches(['\0', '\n']).to_owned();

@@ -14,7 +14,10 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value as TomlValue};
 
-use crate::{files::write_atomically, program::Program};
+use crate::{
+    files::{on_another_thread, write_atomically},
+    program::Program,
+};
 
 /// The former versions that are kept.
 const MOST_VERSIONS: usize = 10;
@@ -63,7 +66,7 @@ impl Version {
 }
 
 /// The file of the settings, and the folder of its former versions.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SettingsFile {
     pub path: PathBuf,
     versions: PathBuf,
@@ -72,6 +75,15 @@ pub struct SettingsFile {
 impl SettingsFile {
     pub fn new(path: PathBuf, state: &std::path::Path) -> Self {
         Self { path, versions: state.join("settings") }
+    }
+
+    /// Does one of the things below on another thread, because a disk can take its time.
+    pub async fn on_disk<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Self) -> io::Result<T> + Send + 'static,
+    ) -> io::Result<T> {
+        let file = self.clone();
+        on_another_thread(move || work(&file)).await
     }
 
     /// Returns the text. A file that does not exist has none.

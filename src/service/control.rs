@@ -172,7 +172,7 @@ enum Task {
     Wait(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
-/// Says, in the folder of the profiles, that an operator has released all servos since the machine has started.
+/// The file in the folder of the profiles that names the start of the machine in which an operator has released all servos.
 const RELEASED: &str = "released";
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 
@@ -183,14 +183,8 @@ pub(super) fn was_released(wearer: &WearerSettings) -> bool {
 }
 
 fn note_released(folder: &Path, on: bool) -> io::Result<()> {
-    if on {
-        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-        return fs::write(folder.join(RELEASED), fs::read(BOOT_ID)?);
-    }
-    fs::remove_file(folder.join(RELEASED)).or_else(|error| match error.kind() {
-        ErrorKind::NotFound => Ok(()),
-        _ => Err(error),
-    })
+    DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+    fs::write(folder.join(RELEASED), if on { fs::read(BOOT_ID)? } else { Vec::new() })
 }
 
 pub(super) struct Server {

@@ -67,7 +67,7 @@ export function Wearer() {
             profile.Ok &&
             wearer !== used.wearer?.name &&
             html`<${Action} run=${() => change({ "wearer.name": wearer })}
-              label=${`Use ${wearer} at every start`}>Use at every start<//>`
+              label=${`Use at every start: ${wearer}`}>Use at every start<//>`
           }
           ${
             removes === wearer

@@ -14,26 +14,11 @@ use std::{
 use common::browser::Browser;
 
 /// The machine is emulated, and 10 to 20 times slower than this one.
-const PATIENCE: Duration = Duration::from_mins(1);
+const PATIENCE: Duration = Duration::from_mins(5);
 const PASSWORD: &str = "eyes that look";
 /// Four channels, with the sources and the ends that they get.
 const CHANNELS: [(&str, u32, u32); 4] =
     [("jawOpen", 1000, 1600), ("eyeBlinkLeft", 1900, 1300), ("browInnerUp", 1200, 1700), ("headYaw", 1100, 1900)];
-
-/// Frames of the built-in clip, by the first coefficient of the pose that they show.
-const POSES: [(&str, u32); 10] = [
-    ("eyeBlinkLeft", 19),
-    ("jawOpen", 100),
-    ("browInnerUp", 143),
-    ("browDownLeft", 51),
-    ("mouthSmileLeft", 237),
-    ("mouthPucker", 183),
-    ("eyeLookOutLeft", 33),
-    ("eyeLookInLeft", 40),
-    ("eyeLookUpLeft", 36),
-    ("eyeLookDownLeft", 67),
-];
-const AT_REST: u32 = 5;
 
 struct Guest(PathBuf);
 
@@ -48,12 +33,6 @@ impl Guest {
             assert!(Instant::now() < end, "waited in vain for {what}");
             thread::sleep(Duration::from_millis(200));
         }
-    }
-
-    /// Has the camera show this frame of the clip from now on.
-    fn show(&self, frame: u32) {
-        fs::write(self.0.join("frames.new"), frame.to_string()).unwrap();
-        fs::rename(self.0.join("frames.new"), self.0.join("frames")).unwrap();
     }
 
     /// Kills the service, and waits until systemd has started it again.
@@ -92,40 +71,6 @@ fn log_in(browser: &mut Browser, url: &str) {
     browser.wait_until("document.querySelector('form button.primary:enabled')");
     browser.value("document.querySelector('form').requestSubmit()");
     browser.wait_until("document.querySelector('nav')");
-}
-
-/// Begins a calibration, in which the wearer takes each pose that the page shows, and chooses the profile for every start.
-fn calibrate(guest: &Guest, browser: &mut Browser) {
-    go_to(browser, "wearer", "Name of the wearer");
-    browser.set("label.grow input", "anna");
-    browser.click("Begin");
-    let end =
-        "document.querySelector('.notice.good')?.textContent ?? document.querySelector('[role=alert]')?.textContent";
-    let pose = "document.querySelector('.guide canvas.head')?.getAttribute('aria-label')";
-    let (begun, mut shown) = (Instant::now(), None);
-    let outcome = loop {
-        if let Some(outcome) = browser.value(end).as_str() {
-            break outcome.to_owned();
-        }
-        if let Some(pose) = browser.value(pose).as_str() {
-            let raised = pose.trim_start_matches("The pose to take: ").split(',').next();
-            let frame = POSES.iter().find(|(name, _)| Some(*name) == raised).map_or(AT_REST, |(_, frame)| *frame);
-            if shown != Some(frame) {
-                guest.show(frame);
-                browser.screenshot(&format!("guest-7-pose-{frame}"));
-                shown = Some(frame);
-            }
-        }
-        assert!(begun.elapsed() < 3 * PATIENCE, "the calibration does not end");
-        thread::sleep(Duration::from_millis(200));
-    };
-    println!("{outcome} After {} s.", begun.elapsed().as_secs());
-    assert!(outcome.contains("The profile of anna is made and in use"), "{outcome}");
-    let poses: u32 = outcome.split_once("from ").unwrap().1.split(' ').next().unwrap().parse().unwrap();
-    assert!(poses >= 6, "{outcome}");
-    browser.click("Use at every start");
-    browser.wait_for_text("1 setting is changed");
-    keep(browser);
 }
 
 #[test]
@@ -208,8 +153,6 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.click("Let servos move again");
     guest.wait("pulses of all channels", |guest| guest.pulses_us().iter().all(|pulse| pulse.is_some_and(|us| us > 0)));
 
-    calibrate(&guest, &mut browser);
-
     fs::write(guest.0.join("restart"), "").unwrap();
     guest.await_file("restarted");
     guest.wait("targets after the restart", |guest| guest.pulses_us().iter().all(Option::is_some));
@@ -219,8 +162,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.resize(1280, 900);
     browser
         .wait_until("['live', 'hold'].some((state) => document.getElementById('state').textContent.startsWith(state))");
-    browser.screenshot("guest-8-restarted");
-    go_to(&mut browser, "wearer", "in use");
+    browser.screenshot("guest-7-restarted");
     let failures = browser.events("Runtime.exceptionThrown");
     assert!(failures.is_empty(), "{}", failures[0]["exceptionDetails"]["exception"]["description"]);
 }

@@ -35,22 +35,7 @@ hold_ms = 10000
 neutral_ms = 10500
 CONFIG
 
-# The camera shows the frames whose numbers the host has written last, two in a second, over and over.
-mkdir $work/frames
-ffmpeg -nostdin -v error -i $work/clip.avi -c:v copy -start_number 0 -f image2 $work/frames/%d.jpg
-modprobe v4l2loopback video_nr=0 exclusive_caps=1 max_buffers=8 card_label='Loopback camera'
-show_frames() {
-    while :; do
-        read -r frames </host/frames
-        for frame in $frames; do
-            cat $work/frames/"$frame".jpg
-            sleep 0.5
-        done
-    done
-}
-seq 0 4 236 | tr '\n' ' ' >/host/frames
-echo >>/host/frames
-show_frames | ffmpeg -v error -probesize 32 -f mjpeg -framerate 2 -i - -c:v copy -f v4l2 /dev/video0 &
+feed-video $work/clip.avi mjpeg 2
 usb-acm plug
 usb-acm unplug
 echo 0x1ffb >/sys/kernel/config/usb_gadget/acm/idVendor

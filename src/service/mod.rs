@@ -87,7 +87,8 @@ pub fn run(
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    counters.traffic.operator.is_released.store(was_released(&settings.wearer), Relaxed);
+    let has_servos = settings.links.iter().any(|link| link.kind.channels().is_some());
+    counters.traffic.operator.is_released.store(has_servos && was_released(&settings.wearer), Relaxed);
     let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
     counters.set_panels(links.panels());
     let (loader, wanted) = (Loader::start()?, settings.clone());

@@ -175,7 +175,8 @@ impl Call<'_> {
     async fn post(&self, path: &str, body: Incoming) -> Answer {
         let Self { console, caller, headers } = *self;
         let (control, recordings) = (&console.control, &console.recordings);
-        if !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
+        // Whoever has no session yet may only begin one, and is not told who drives.
+        if caller.role.is_some() && !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
             console.servos.must_be_free_for(caller)?;
         }
         let most_bytes = if path.starts_with("settings/") { MOST_SETTINGS_BODY_BYTES } else { MOST_BODY_BYTES };
@@ -312,8 +313,7 @@ impl Call<'_> {
 
     async fn settings(&self) -> Result<Value, Refusal> {
         let console = self.console;
-        let text = console.settings.on_disk(SettingsFile::text).await?;
-        let versions = console.settings.on_disk(SettingsFile::old_versions).await?;
+        let (text, versions) = console.settings.on_disk(|file| Ok((file.text()?, file.old_versions()?))).await?;
         let schema = console.program.run(&["defaults", "--schema"], "").await?;
         let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
         Ok(json!({
@@ -446,29 +446,28 @@ async fn keep(console: &Console, text: String, base: Option<String>) -> Answer {
         return Err(CHANGED);
     }
     // As soon as a new servo gets pulses, it moves to a position that nobody has tried.
-    let has_new_servo = settings::adds_a_servo(&former, &text);
-    if has_new_servo && let Err(error) = console.control.tell(&Command::Release { on: true }).await {
-        // A service that is away moves nothing.
-        if !matches!(error, ControlError::Away) {
-            return Err(Refusal::new(
-                StatusCode::CONFLICT,
-                format!("A servo is new, but the service did not release the servos, so nothing is kept: {error}.\n"),
-            ));
-        }
+    let mut about_new_servo = "";
+    if settings::adds_a_servo(&former, &text) {
+        about_new_servo = match console.control.tell(&Command::Release { on: true }).await {
+            Ok(_) => ". A servo is new: all servos are released until you let them move again",
+            // A service that is away moves nothing.
+            Err(ControlError::Away) => ". A servo is new: it moves as soon as the service starts",
+            Err(error) => {
+                let sentence = format!(
+                    "A servo is new, but the service did not release the servos, so nothing is kept: {error}.\n"
+                );
+                return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+            }
+        };
     }
     let new = text.clone();
     console.settings.on_disk(move |file| file.keep(&new)).await?;
-    let (mut done, is_away) = match console.reload().await {
-        Ok(done) => (done, false),
-        Err(ControlError::Away) => ("the settings are kept for the next start of the service".to_owned(), true),
-        Err(error) => (format!("the settings are kept, but the service goes on with the former ones: {error}"), false),
+    let done = match console.reload().await {
+        Ok(done) => done,
+        Err(ControlError::Away) => "the settings are kept for the next start of the service".to_owned(),
+        Err(error) => format!("the settings are kept, but the service goes on with the former ones: {error}"),
     };
-    if has_new_servo {
-        done += match is_away {
-            true => ". A servo is new: it moves as soon as the service starts",
-            false => ". A servo is new: all servos are released until you let them move again",
-        };
-    }
+    let done = done + about_new_servo;
     console.changed.notify_one();
     Ok(ok(&json!({"done": done, "text": text, "hash": settings::hash(&text), "values": settings::values(&text)})))
 }

@@ -244,7 +244,8 @@ pub fn adds_a_servo(old: &str, new: &str) -> bool {
         let (values, mut found) = (values(text), BTreeSet::new());
         let links = values.get("link").and_then(Value::as_array).into_iter().flatten();
         for link in links {
-            let board = ["kind", "device", "bus", "address"].map(|key| link.get(key).map(ToString::to_string));
+            let board =
+                ["kind", "device", "bus", "address", "universe"].map(|key| link.get(key).map(ToString::to_string));
             let channels = link.get("channel").and_then(Value::as_array).into_iter().flatten();
             let number = |channel: &Value| channel.get("channel").and_then(Value::as_i64).unwrap_or_default();
             found.extend(channels.map(|channel| (board.clone(), number(channel))));
@@ -458,6 +459,7 @@ mod tests {
             (&both, &both.replace("0.5", "0.7"), false),
             (&one, &one.replace("3", "4"), true),
             (&one, &one.replace("maestro", "pca9685"), true),
+            (&one, &one.replace("[[link.channel]]", "universe = 2\n[[link.channel]]"), true),
             (&one, &format!("[[link]]\nkind = \"udp\"\n{one}"), false),
         ] {
             assert_eq!(adds_a_servo(old, new), is_new, "{old} {new}");

@@ -528,6 +528,9 @@ fn one_operator_moves_servos_and_the_second_sees_who() {
             assert!(answer.status == 409 && answer.text().contains("moves the servos"), "{path}: {answer:?}");
         }
     }
+    let body = json!({"new": "a third password"}).to_string();
+    let stranger = console.ask(address, "POST /api/1/password", JSON, &body).unwrap();
+    assert!(stranger.status == 401 && !stranger.text().contains("127.0.0.1"), "{stranger:?}");
     let resume = console.ask(address, "POST /api/1/servos/release", &format!("{JSON}{cookie}"), "{\"on\":false}");
     assert_eq!(resume.unwrap().status, 409);
     // Anybody who operates may let go of all servos.

@@ -12,6 +12,8 @@ pub struct Ability {
     name: &'static str,
     /// The numbers of channels.
     channels: RangeInclusive<u32>,
+    /// Whether channels have addresses and values by DMX.
+    is_dmx: bool,
     longest_pulse_us: u32,
     /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
     least_limits: [f32; 2],
@@ -20,25 +22,21 @@ pub struct Ability {
 impl Ability {
     /// The values of a universe stand for pulses, and a channel of 16 bits takes two addresses.
     pub const DMX: Self =
-        Self { name: "universe", channels: 1..=512, longest_pulse_us: u16::MAX as u32, least_limits: [0.0; 2] };
+        Self { name: "universe", channels: 1..=512, is_dmx: true, longest_pulse_us: 65_535, least_limits: [0.0; 2] };
 
     /// Maestros with 12 channels or more, which have the command for several targets, make longer pulses.
     #[must_use]
     pub fn maestro(has_multiple_targets: bool) -> Self {
         let longest_pulse_us = if has_multiple_targets { 4080 } else { 3280 };
         let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-        Self { name: "Maestro", channels: 0..=23, longest_pulse_us, least_limits }
+        Self { name: "Maestro", channels: 0..=23, is_dmx: false, longest_pulse_us, least_limits }
     }
 
     /// A pulse of a PCA9685 ends within the period.
     #[must_use]
     pub fn pca9685(period: Period) -> Self {
         let (longest_pulse_us, channels) = (period.longest_pulse_us() as u32, 0..=u32::from(CHANNELS) - 1);
-        Self { name: "PCA9685", channels, longest_pulse_us, least_limits: [0.0; 2] }
-    }
-
-    fn is_dmx(&self) -> bool {
-        self.name == Self::DMX.name
+        Self { name: "PCA9685", channels, is_dmx: false, longest_pulse_us, least_limits: [0.0; 2] }
     }
 }
 
@@ -86,7 +84,7 @@ impl Check<'_> {
 
     fn number(&mut self, channel: &ChannelSettings, earlier: &[ChannelSettings]) {
         let Ability { name, channels, .. } = self.board;
-        let (key, number, is_dmx) = ("link.channel.channel", channel.channel, self.board.is_dmx());
+        let (key, number, is_dmx) = ("link.channel.channel", channel.channel, self.board.is_dmx);
         let overlaps = |other: &&ChannelSettings| {
             let [one, other] = [channel.addresses(), other.addresses()];
             if is_dmx { one.start < other.end && other.start < one.end } else { one.start == other.start }
@@ -134,7 +132,7 @@ impl Check<'_> {
             let [least_us, most_us] = PULSES_US;
             let values =
                 format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
-            let is_value = !self.board.is_dmx() || channel.dmx == Form::Microseconds;
+            let is_value = !self.board.is_dmx || channel.dmx == Form::Microseconds;
             let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
             self.need(is_value || (least_us..=most_us).contains(&pulse_us), key, pulse_us, expected);
         }

@@ -1,10 +1,10 @@
-//! What a machine is called in a network, and why it may not find the address of another one.
+//! The identifier of this machine, and remedies for a host name that does not resolve.
 
 use std::fs;
 use std::net::IpAddr;
 
-/// Returns what tells this machine from all others, as long as it is installed; on a system without such an identifier,
-/// until it restarts. No other machine may learn it: hash it.
+/// Returns an identifier of this installation, or of the time since the last start if the system has none. It is secret: hash
+/// it before it leaves the machine.
 #[must_use]
 pub fn machine_id() -> String {
     let files = ["/etc/machine-id", "/proc/sys/kernel/random/boot_id"];
@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn in_the_unit_a_name_server_at_a_public_address_is_named_with_the_drop_in() {
-        // 100.100.100.100 resolves in private networks that go by the addresses of providers.
+        // 100.100.100.100 is a name server of private networks that use the shared range 100.64.0.0/10.
         let far = ["9.9.9.9", "2620:fe::fe", "100.100.100.100"].map(|server| (server, true));
         let near = ["127.0.0.53", "192.168.1.1", "172.20.0.1", "fe80::1%eth0", "fd00::1", "::1"];
         for (server, is_named) in far.into_iter().chain(near.map(|server| (server, false))) {

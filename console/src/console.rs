@@ -64,7 +64,7 @@ pub struct Console {
     pub recordings: Recordings,
     pub news: News,
     pub history: Mutex<History>,
-    /// When the next picture may be asked for. One at a time is made smaller, which bounds memory and load.
+    /// When the next picture may be requested. Holding the lock limits scaling to one picture at a time.
     pub picturing: AsyncMutex<tokio::time::Instant>,
     /// Tells the calibration that goes on to end.
     pub calibrating: Mutex<Option<Arc<Notify>>>,

@@ -77,7 +77,7 @@ impl SettingsFile {
         Self { path, versions: state.join("settings") }
     }
 
-    /// Does one of the things below on another thread, because a disk can take its time.
+    /// Runs `work` on another thread, because disks can be slow.
     pub async fn on_disk<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Self) -> io::Result<T> + Send + 'static,
@@ -125,7 +125,7 @@ impl SettingsFile {
         Ok(())
     }
 
-    /// Marks the present version with what the service says about it.
+    /// Records whether the service refuses the present version.
     pub fn mark(&self, is_refused: bool) -> io::Result<()> {
         let Some(newest) = self.versions()?.pop() else { return Ok(()) };
         if newest.is_refused() == is_refused || fs::read_to_string(&newest.path)? != self.text()? {

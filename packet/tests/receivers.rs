@@ -1,4 +1,4 @@
-//! What receivers of other programs get, read by libraries that are not ours.
+//! What receivers of other programs get, read by independent libraries.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 #[path = "../../tests/common/skip.rs"]
@@ -115,7 +115,7 @@ fn universe(value: u8) -> Universe {
     values
 }
 
-/// What a format sends while its values count up to `last` and then end.
+/// Returns the datagrams for values that count from 0 to `last`, and for the end of the stream.
 fn shown(format: &mut Dmx, last: u8) -> Vec<Vec<u8>> {
     let mut sent = Vec::new();
     for (time, value) in (0..=last).chain([last; 3]).enumerate() {
@@ -125,7 +125,7 @@ fn shown(format: &mut Dmx, last: u8) -> Vec<Vec<u8>> {
     sent
 }
 
-/// The receiver also takes the values of datagrams that end a stream, which the standard forbids: they are the last ones.
+/// Against the standard, this receiver also reads the values of datagrams that end a stream. They equal the last values.
 #[test]
 fn the_python_library_sacn_takes_every_change_in_order_and_sees_the_stream_end_and_begin_again() {
     let [mut one, mut restarted] = [(); 2].map(|()| Dmx::sacn([7; 16], "head", 150, 300));
@@ -141,8 +141,8 @@ fn the_python_library_sacn_takes_every_change_in_order_and_sees_the_stream_end_a
     assert!(values == want.collect::<Vec<_>>(), "{} values", values.len());
 }
 
-/// The receiver drops what is numbered as older than the last one by less than 20. At 40 datagrams a second, that is half a
-/// second of those that a killed sender sends again from 0 on.
+/// The receiver drops datagrams numbered fewer than 20 below the last one: half a second at 40 a second, if a killed sender
+/// starts again.
 #[test]
 fn the_python_library_sacn_takes_a_sender_that_was_killed_and_begins_again_from_its_21st_datagram_on_at_the_latest() {
     let cases = [(1, 0, 1), (2, 10, 11), (3, 19, 20), (4, 20, 0), (5, 200, 0)];

@@ -42,7 +42,7 @@ pub struct ChannelSettings {
     pub acceleration_per_s2: f32,
     pub dead_zone: f32,
     pub loss: AtLoss,
-    /// By DMX alone.
+    /// How DMX carries the pulse. Other boards ignore it.
     pub dmx: Form,
 }
 

@@ -40,7 +40,7 @@ impl Ability {
     }
 }
 
-/// A setting of a channel that cannot work: its key, its value, and what follows "give".
+/// A setting that cannot work: its key, its value, and what to give instead.
 #[derive(Debug)]
 pub struct Fault {
     pub key: &'static str,
@@ -48,7 +48,7 @@ pub struct Fault {
     pub expected: String,
 }
 
-/// Returns the faults of the channels of one board. Their sources are not judged if some of them could not be read.
+/// Returns the faults of the channels of one board. Sources are checked only if all of them could be read.
 #[must_use]
 pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) -> Vec<Fault> {
     let mut check = Check { board, faults: Vec::new() };
@@ -62,7 +62,7 @@ pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) 
     check.faults
 }
 
-/// Says that the sum of a channel is limited, if it can leave 0 to 1. That may be meant.
+/// Returns a note if the sum of a channel can leave 0 to 1 and is limited, which may be intended.
 #[must_use]
 pub fn limited(channel: &ChannelSettings) -> Option<String> {
     let [least, most] = channel.range();

@@ -1,8 +1,8 @@
 //! DMX: the channels of servos, or the whole face, as the values of a universe.
 //!
 //! A node that moves servos, such as FPP, turns the lowest value into its shortest pulse and the highest into its longest,
-//! which are 1000 and 2000 µs unless somebody changes them, or takes the value for the pulse itself. It takes 0 for "no
-//! data". So a channel never has the value 0 as long as it has a pulse, and always when it has none.
+//! which are 1000 and 2000 µs unless somebody changes them, or uses the value as the pulse itself. It reads 0 as "no data", so
+//! a channel is 0 exactly when it has no pulse.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub type Universe = [u8; 512];
 /// The pulses of the lowest and the highest value, µs.
 pub const PULSES_US: [u32; 2] = [1000, 2000];
 
-/// How a channel is written.
+/// How a DMX channel represents a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
     /// 1 to 255.

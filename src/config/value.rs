@@ -186,7 +186,7 @@ impl fmt::Display for Address {
     }
 }
 
-/// Reads an address of this machine that sends, which no multicast group is. The port may be 0.
+/// Reads the address to send from, which cannot be a multicast group. The port may be 0.
 pub fn local_address() -> impl Reader<Option<SocketAddr>> {
     optional("an address of this machine in numbers and a port, or 0 for any, such as \"192.168.1.5:0\"", |text| {
         text.parse().ok().filter(|from: &SocketAddr| !from.ip().is_multicast())

@@ -159,7 +159,7 @@ impl Check<'_> {
         let expected = "1 to 63999: sACN counts universes from 1, where Art-Net has 0";
         self.need(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
         let (pace, rate_hz) = (self.link.pace.pace, self.link.rate_hz(self.settings.send.rate_hz));
-        let expected = "\"rate\" for DMX: values that stay the same are sent less often all the same";
+        let expected = "\"rate\" for DMX: unchanged values are sent less often anyway";
         self.need(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
         self.need(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);

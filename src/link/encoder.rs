@@ -74,7 +74,7 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
 
 fn dmx(mut format: Dmx, mut values: Values, begun: Instant) -> Encoder {
     Box::new(move |packet, output, send| {
-        // The way to neutral has this state as well, but it moves.
+        // Packets on the way to neutral have this state too, but `moving` is true.
         let is_last = (packet.state, packet.reason, output.moving) == (State::Neutral, Reason::Stopping, false);
         format.encode(values.follow(packet, Instant::now()), is_last, begun.elapsed(), send);
     })

@@ -47,7 +47,7 @@ impl UdpCarrier {
     ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let from = panel.kind.universe().and_then(|(_, from)| from);
-        // An address of this machine may come late, as a host name may.
+        // The address to send from may appear later, like that of a host name.
         let lookup = if let (Ok(receiver), None) = (address.as_str().parse(), from) {
             input.write(Some(open(address, receiver, None)?));
             None
@@ -92,8 +92,8 @@ fn open(address: &Address, receiver: SocketAddr, from: Option<SocketAddr>) -> Re
     let opened =
         socket_for(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
     let socket = opened.map_err(|error| {
-        let remedy =
-            from.map(|from| format!("this machine has the address {}, and no other program its port", from.ip()));
+        let remedy = from
+            .map(|from| format!("this machine has the address {}, and that no other program uses its port", from.ip()));
         let remedy = remedy.as_deref().unwrap_or("the service may use the network");
         let sentence = format!("no socket ({error}); check that {remedy}");
         LinkError::new(LinkErrorKind::Other, address, sentence)

@@ -172,11 +172,11 @@ enum Task {
     Wait(Box<dyn FnMut() -> Option<Answer> + Send>),
 }
 
-/// The file in the folder of the profiles that names the start of the machine in which an operator has released all servos.
+/// This file beside the profiles holds the boot identifier if an operator has released all servos since that boot.
 const RELEASED: &str = "released";
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 
-/// Whether a service that starts again finds its servos released.
+/// Whether an operator has released all servos since the machine was started.
 pub(super) fn was_released(wearer: &WearerSettings) -> bool {
     let released_in = fs::read(Store::new(&wearer.folder).folder().join(RELEASED));
     released_in.is_ok_and(|boot| fs::read(BOOT_ID).is_ok_and(|now| now == boot))

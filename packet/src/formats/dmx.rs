@@ -1,8 +1,9 @@
 //! DMX over a network: the 512 values of a universe, by E1.31 (sACN) or by Art-Net.
 //!
 //! A datagram always carries all 512 values, because some nodes take no shorter one. Values that change are sent at once.
-//! Then they are sent three times more, because a datagram may be lost, and every 0.8 s, because nodes take a source that
-//! is silent for a second or two for gone. A sequence belongs to one universe of one source: nodes drop what is out of order.
+//! Then they are sent three times more, because a datagram may be lost, and then every 0.8 s, because nodes give up a source
+//! that is silent for a second or two. Each universe of a source has its own sequence numbers, and nodes drop datagrams that
+//! are out of order.
 
 mod cid;
 
@@ -98,9 +99,8 @@ impl Dmx {
         Self { bytes, layout, sequence: 0, repeats: 0, sent_at: None, terminations: 0 }
     }
 
-    /// Sends the values if they are due at this time since the format was made. If they are the last ones, they are sent
-    /// whenever this is called, by E1.31 the first time only, and each time with one of the three datagrams that end the
-    /// stream, of which nodes take no values.
+    /// Sends the values if they are due at `now`, the time since the format was made. With `is_last`, Art-Net sends them at
+    /// every call. E1.31 sends them at the first, and ends the stream with a datagram at each of the first three.
     pub fn encode(&mut self, values: &Universe, is_last: bool, now: Duration, send: &mut dyn FnMut(&[u8])) {
         let is_stream = self.layout.options.is_some();
         let before = self.bytes.get_mut(self.layout.values..).unwrap_or_default();
@@ -128,8 +128,8 @@ impl Dmx {
         }
         self.sent_at = Some(now);
         send(&self.bytes);
-        // In Art-Net, 0 stands for no sequence. The first datagram has it: a node that has followed a sender before it was
-        // killed would otherwise wait for the numbers to pass those that it knows.
+        // In Art-Net, 0 stands for no sequence. The first datagram has it, so that a node accepts a sender that was killed
+        // and starts again.
         let first = u8::from(self.layout.options.is_none());
         self.sequence = self.sequence.checked_add(1).unwrap_or(first);
     }
@@ -190,7 +190,7 @@ mod tests {
         assert_eq!(highest[14..18], [0xFF, 0x7F, 2, 0]);
     }
 
-    /// A player that is told nothing for a second shows its own idle look (an issue of OLA and of FPP's bridge).
+    /// Some players show their idle look after a second without a datagram.
     #[test]
     fn changes_are_sent_at_once_and_what_is_unchanged_three_times_more_and_then_about_once_a_second() {
         for mut format in [Dmx::sacn(CID, "face", 100, 1), Dmx::art_net(0)] {

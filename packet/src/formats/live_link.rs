@@ -43,7 +43,7 @@ impl LiveLink {
         Self { names_end: bytes.len(), bytes, swap_mouth, neutral_left: NEUTRAL_FACES, gaze: Gaze::default() }
     }
 
-    /// Says that some receivers do not read datagrams with these names, if that is so.
+    /// Returns a warning if these names make datagrams of a length that some receivers do not read.
     #[must_use]
     pub fn note_of_names(device_id: &str, subject: &str) -> Option<String> {
         let (bytes, usual) = (datagram_bytes(device_id, subject), USUAL_BYTES);

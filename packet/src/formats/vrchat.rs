@@ -75,7 +75,7 @@ impl Vrchat {
     }
 }
 
-/// A list of parameters, each with the number of its bits: how a link sends some of them alone.
+/// The parameters that a link sends, each as a number or with its count of bits. An empty list stands for all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Parameters(Vec<(String, u32)>);
 
@@ -83,7 +83,7 @@ pub struct Parameters(Vec<(String, u32)>);
 pub const MOST_BITS: u32 = 8;
 
 impl Parameters {
-    /// What [`Parameters::parse`] takes, for messages.
+    /// Describes for error messages what [`Parameters::parse`] accepts.
     pub const EXPECTED: &'static str = "\"\", or names of parameters of VRCFaceTracking v2 with commas between them, each \
                                         with up to 8 bits, such as \"JawOpen, SmileFrown:4\"";
 
@@ -110,7 +110,7 @@ impl Parameters {
         self.0.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Returns how the list wants this parameter to be sent, unless it is empty.
+    /// Returns the form of this parameter, which is empty if it is not listed; `None` if the list is empty.
     #[must_use]
     pub fn form_of(&self, name: &str) -> Option<Form> {
         let named = self.0.iter().find(|(named, _)| *named == name);

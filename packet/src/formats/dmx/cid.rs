@@ -1,4 +1,4 @@
-//! The component identifier of an E1.31 source, from what must not leave the machine.
+//! The component identifier of an E1.31 source, a hash of secret parts.
 
 /// The name space of facewire's identifiers, chosen at random.
 const NAME_SPACE: [u8; 16] = *b"\x8D\x1B\x5E\x37\x4A\xC2\x4F\x90\xB6\x0E\x2C\x71\xD9\x3F\xA8\x54";
@@ -6,8 +6,8 @@ const NAME_SPACE: [u8; 16] = *b"\x8D\x1B\x5E\x37\x4A\xC2\x4F\x90\xB6\x0E\x2C\x71
 const BEGIN: [u32; 5] = [0x6745_2301, 0xEFCD_AB89, 0x98BA_DCFE, 0x1032_5476, 0xC3D2_E1F0];
 const BLOCK: usize = 64;
 
-/// Returns the identifier of a source: a UUID of version 5 (RFC 9562). It is the same whenever `parts` are, and does not
-/// give them away.
+/// Returns the identifier of a source: a UUID of version 5 (RFC 9562). Equal `parts` give equal identifiers, which do not
+/// reveal them.
 #[must_use]
 pub fn cid(parts: &[&str]) -> [u8; 16] {
     uuid(NAME_SPACE, parts.join("\n").as_bytes())

@@ -147,6 +147,11 @@ impl Guide {
         }
     }
 
+    /// The longest time between two frames of one hold. After a longer time, no picture comes.
+    pub fn gap_s(&self) -> f32 {
+        GAP_S.max(GAP_FRAMES * self.period_s.unwrap_or_default())
+    }
+
     /// Returns the time since the last frame, but no more than the longest time between two frames of one hold. A longer
     /// time, and a clock that ran backwards, end the hold.
     fn step_s(&mut self, time_us: u64) -> f32 {
@@ -156,8 +161,8 @@ impl Guide {
             return 0.0;
         };
         let step_s = passed_us as f32 / 1e6;
-        let period_s = self.period_s.unwrap_or(step_s.min(MAX_PERIOD_S));
-        let gap_s = GAP_S.max(GAP_FRAMES * period_s);
+        let period_s = *self.period_s.get_or_insert(step_s.min(MAX_PERIOD_S));
+        let gap_s = self.gap_s();
         if step_s > gap_s {
             self.stage.hold = None;
         }

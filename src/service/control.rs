@@ -59,9 +59,6 @@ const STREAM_PATIENCE: Duration = Duration::from_secs(10);
 const RETRY_DELAY: Duration = Duration::from_secs(1);
 /// Time without a frame after which a client that records is told of lost frames or a missing camera, microseconds.
 const QUIET_US: u64 = 1_000_000;
-/// The guide is told that no picture comes after this time, microseconds, or after this many frame periods if longer.
-const SILENT_US: u64 = 500_000;
-const SILENT_FRAMES: u64 = 3;
 /// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
 /// Longest time that one who drives may be silent.
@@ -617,10 +614,9 @@ impl Server {
         client: &mut Client,
         guiding: &mut Guiding,
     ) -> io::Result<Option<Result<Calibration, Refusal>>> {
-        let silent_us = SILENT_US.max(SILENT_FRAMES * self.peers.counters.frame_period_us.load(Relaxed));
         loop {
             let next = self.peers.observed.take();
-            guiding.step(client, next.as_ref(), silent_us, monotonic_us())?;
+            guiding.step(client, next.as_ref(), monotonic_us())?;
             let outcome = guiding.guide.outcome();
             if next.is_none() || outcome.is_some() {
                 return Ok(outcome);
@@ -741,19 +737,12 @@ impl Guiding {
         Self { guide, observed_us: now_us, told: None }
     }
 
-    /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.
-    fn step(
-        &mut self,
-        client: &mut Client,
-        observation: Option<&Observation>,
-        silent_us: u64,
-        now_us: u64,
-    ) -> io::Result<()> {
+    /// Takes in an observation if there is one, or that there was none for too long, and tells the client.
+    fn step(&mut self, client: &mut Client, observation: Option<&Observation>, now_us: u64) -> io::Result<()> {
+        let silent_s = now_us.saturating_sub(self.observed_us) as f32 / 1e6;
         match observation {
             Some(observation) => self.guide.update(observation),
-            None if now_us.saturating_sub(self.observed_us) > silent_us => {
-                self.guide.update(&Observation::nothing(now_us));
-            }
+            None if silent_s > self.guide.gap_s() => self.guide.update(&Observation::nothing(now_us)),
             None => return Ok(()),
         }
         self.observed_us = now_us;

@@ -539,14 +539,23 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
 }
 
 #[test]
-fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
+fn a_camera_with_a_frame_in_two_seconds_is_soon_known_to_be_slow_and_a_silent_one_is_told_all_the_same() {
     let guide = Guide::new(blank_model_file().to_model().unwrap());
     let ((mut client, _far), mut guiding) = (client(), Guiding::new(guide, 0));
-    let mut waits_for = |now_us| {
-        guiding.step(&mut client, None, 1_500_000, now_us).unwrap();
-        guiding.guide.progress().waits_for
+    // Asks as the service does, several times between two frames. Returns the seconds in which a picture was missed.
+    let mut missed = |period_s, seconds: std::ops::Range<u64>| -> Vec<u64> {
+        let is_missed = |second: &u64| {
+            let is_frame = period_s > 0 && second % period_s == 0;
+            let frame = Observation { time_us: second * 1_000_000, sight: Err(Refusal::NoFace) };
+            let now_us = second * 1_000_000 + 1000;
+            guiding.step(&mut client, is_frame.then_some(&frame), now_us).unwrap();
+            guiding.step(&mut client, None, now_us + 999_000).unwrap();
+            guiding.guide.progress().waits_for == Some(Refusal::NoPicture)
+        };
+        seconds.filter(is_missed).collect()
     };
-    assert_eq!([1_400_000, 1_600_000].map(&mut waits_for), [None, Some(Refusal::NoPicture)]);
+    assert!(missed(2, 0..20).iter().all(|second| *second < 6));
+    assert!(missed(0, 20..29).contains(&28));
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! A head is set up by clicks alone, on a machine on which the package was just installed: the virtual machine of the device
-//! tests, with a camera and a Maestro. `tests/guest/console` starts both.
+//! tests, with a camera, a face that takes poses, and a Maestro. `tests/guest/console` starts both.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -20,6 +20,17 @@ const PASSWORD: &str = "eyes that look";
 const CHANNELS: [(&str, u32, u32); 4] =
     [("jawOpen", 1000, 1600), ("eyeBlinkLeft", 1900, 1300), ("browInnerUp", 1200, 1700), ("headYaw", 1100, 1900)];
 
+/// Frames of the built-in clip that show the pose of an instruction, and one that shows the face at rest.
+const POSES: [(&str, u32); 6] = [
+    ("Shut both eyes", 18),
+    ("Open your mouth", 78),
+    ("Raise your eyebrows", 11),
+    ("Smile", 236),
+    ("Pucker", 183),
+    ("Look down", 67),
+];
+const AT_REST: u32 = 5;
+
 struct Guest(PathBuf);
 
 impl Guest {
@@ -39,6 +50,13 @@ impl Guest {
     fn kill_service(&self) {
         fs::write(self.0.join("kill"), "").unwrap();
         self.wait("the end of the service", |guest| !guest.0.join("kill").exists());
+    }
+
+    /// Puts a frame of the built-in clip before the camera.
+    fn show(&self, frame: u32) {
+        let pose = self.0.join("pose");
+        fs::copy(self.0.join(format!("frames/{frame}.jpg")), &pose).unwrap();
+        fs::rename(pose, self.0.join("pose.jpg")).unwrap();
     }
 
     /// The newest target of each channel, in microseconds; 0 for none. `None` for channels without one.
@@ -71,6 +89,34 @@ fn log_in(browser: &mut Browser, url: &str) {
     browser.wait_until("document.querySelector('form button.primary:enabled')");
     browser.value("document.querySelector('form').requestSubmit()");
     browser.wait_until("document.querySelector('nav')");
+}
+
+/// Takes each pose that the page asks for, until the profile is made.
+fn calibrate(browser: &mut Browser, guest: &Guest) {
+    go_to(browser, "wearer", "Name of the wearer");
+    browser.set("input[autocapitalize=none]", "anna");
+    browser.click("Begin");
+    browser.wait_until("document.querySelector('.guide h3')");
+    let (end, mut shown) = (Instant::now() + PATIENCE, AT_REST);
+    while let Some(asked) = browser.value("document.querySelector('.guide h3')?.textContent").as_str() {
+        assert!(Instant::now() < end, "{}", browser.value("document.querySelector('.guide').innerText"));
+        let pose = POSES.into_iter().find(|(instruction, _)| asked.starts_with(instruction));
+        let frame = pose.map_or(AT_REST, |(_, frame)| frame);
+        if frame != shown {
+            guest.show(frame);
+            shown = frame;
+            browser.screenshot(&format!("guest-7-pose-{frame}"));
+        }
+        thread::sleep(Duration::from_millis(200));
+    }
+    browser.wait_for_text("The profile of anna is made and in use, from ");
+    browser.screenshot("guest-8-calibrated");
+    let taken = browser.value("document.querySelector('.notice.good').innerText.match(/from (\\d+) poses/)[1]");
+    assert!(taken.as_str().unwrap().parse::<usize>().unwrap() > POSES.len() / 2, "{taken} poses were taken");
+    guest.show(AT_REST);
+    browser.click("Use at every start");
+    browser.wait_for_text("1 setting is changed");
+    keep(browser);
 }
 
 #[test]
@@ -153,6 +199,9 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.click("Let servos move again");
     guest.wait("pulses of all channels", |guest| guest.pulses_us().iter().all(|pulse| pulse.is_some_and(|us| us > 0)));
 
+    browser.wait_until("document.getElementById('state').textContent.startsWith('live')");
+    calibrate(&mut browser, &guest);
+
     fs::write(guest.0.join("restart"), "").unwrap();
     guest.await_file("restarted");
     guest.wait("targets after the restart", |guest| guest.pulses_us().iter().all(Option::is_some));
@@ -162,7 +211,16 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.resize(1280, 900);
     browser
         .wait_until("['live', 'hold'].some((state) => document.getElementById('state').textContent.startsWith(state))");
-    browser.screenshot("guest-7-restarted");
+    browser.screenshot("guest-9-restarted");
+    go_to(&mut browser, "wearer", "Wearers");
+    browser.wait_until("document.querySelector('article[aria-label=anna]').innerText.includes('in use')");
+    assert!(
+        browser
+            .value("document.querySelector('article[aria-label=anna]').innerText")
+            .as_str()
+            .unwrap()
+            .contains("at every start")
+    );
     let failures = browser.events("Runtime.exceptionThrown");
     assert!(failures.is_empty(), "{}", failures[0]["exceptionDetails"]["exception"]["description"]);
 }

@@ -1,10 +1,10 @@
 #!/bin/sh
-# A machine on which the package was just installed: a camera that shows the built-in clip, a Maestro, and the console. Runs in
-# the guest for tests/guest/console, which clicks; files in /host say how far each of them is.
+# A machine on which the package was just installed: a camera that shows the frame of the built-in clip that the host wants, a
+# Maestro, and the console. Runs in the guest for tests/guest/console, which clicks; files in /host say how far each of them is.
 set -eu
 work=/run/case
 mkdir $work
-cp maestro.py clip.avi $work
+cp maestro.py $work
 
 fail() {
     echo "$*" >&2
@@ -35,7 +35,10 @@ hold_ms = 10000
 neutral_ms = 10500
 CONFIG
 
-feed-video $work/clip.avi mjpeg 2
+# Puts the frame before the camera that the host wants, once it wants another.
+pose() { [ ! -e /host/pose.jpg ] || { cp /host/pose.jpg $work/next.jpg && mv $work/next.jpg $work/pose.jpg && rm /host/pose.jpg; }; }
+pose
+feed-video $work/pose.jpg still 2
 usb-acm plug
 usb-acm unplug
 echo 0x1ffb >/sys/kernel/config/usb_gadget/acm/idVendor
@@ -61,6 +64,7 @@ show() { tail -n 400 $work/targets >/host/targets.new && mv /host/targets.new /h
 touch /host/ready
 while [ ! -e /host/end ]; do
     show
+    pose
     if [ -e /host/kill ]; then
         killed=$(main_pid)
         systemctl kill --signal KILL facewire

@@ -23,7 +23,7 @@ const CHANNELS: [(&str, u32, u32); 4] =
 /// Frames of the built-in clip that show the pose of an instruction, and one that shows the face at rest.
 const POSES: [(&str, u32); 6] = [
     ("Shut both eyes", 18),
-    ("Open your mouth", 78),
+    ("Open your mouth", 93),
     ("Raise your eyebrows", 11),
     ("Smile", 236),
     ("Pucker", 183),

@@ -1,6 +1,7 @@
 #!/bin/sh
 # A machine on which the package was just installed: a camera that shows the frame of the built-in clip that the host wants, a
-# Maestro, and the console. Runs in the guest for tests/guest/console, which clicks; files in /host say how far each of them is.
+# Maestro, and the console. At its second start, the machine has the files that it had at its end. Runs in the guest for
+# tests/guest/console, which clicks; files in /host say how far each of them is.
 set -eu
 work=/run/case
 mkdir $work
@@ -21,10 +22,11 @@ await() {
     done
 }
 
-dpkg --install facewire.deb </dev/null >$work/dpkg 2>&1 || fail "$(cat $work/dpkg)"
-[ "$(systemctl is-enabled facewire-console)" = disabled ] || fail 'the console is enabled after the installation'
-# Frames take seconds under emulation.
-cat >>/etc/facewire/facewire.toml <<CONFIG
+if [ ! -e /host/kept.tar ]; then
+    dpkg --install facewire.deb </dev/null >$work/dpkg 2>&1 || fail "$(cat $work/dpkg)"
+    [ "$(systemctl is-enabled facewire-console)" = disabled ] || fail 'the console is enabled after the installation'
+    # Frames take seconds under emulation.
+    cat >>/etc/facewire/facewire.toml <<CONFIG
 
 # The head in the hall.
 [adaptation]
@@ -34,6 +36,7 @@ live_ms = 5000
 hold_ms = 10000
 neutral_ms = 10500
 CONFIG
+fi
 
 # Puts the frame before the camera that the host wants, once it wants another.
 pose() { [ ! -e /host/pose.jpg ] || { cp /host/pose.jpg $work/next.jpg && mv $work/next.jpg $work/pose.jpg && rm /host/pose.jpg; }; }
@@ -52,7 +55,7 @@ python3 $work/maestro.py /dev/ttyGS0 $work/targets &
 modprobe virtio_net
 ip address add 10.0.2.15/24 dev eth0
 ip link set eth0 up
-systemctl enable --now facewire-console
+[ -e /host/kept.tar ] || systemctl enable --now facewire-console
 listening() { ss -ltn | grep -q :5252; }
 await listening
 
@@ -62,7 +65,8 @@ restarted() { [ "$(main_pid)" != 0 ] && [ "$(main_pid)" != "$killed" ]; }
 # Shows the host what the servos are told.
 show() { tail -n 400 $work/targets >/host/targets.new && mv /host/targets.new /host/targets; }
 touch /host/ready
-while [ ! -e /host/end ]; do
+[ ! -e /host/kept.tar ] || touch /host/restarted
+while [ ! -e /host/end ] && [ ! -e /host/restart ]; do
     show
     pose
     if [ -e /host/kill ]; then
@@ -71,22 +75,18 @@ while [ ! -e /host/end ]; do
         await restarted
         rm /host/kill
     fi
-    if [ -e /host/restart ]; then
-        rm /host/restart
-        # As at the next start, the units that are enabled start by themselves.
-        systemctl stop facewire facewire-console facewire-helper.socket
-        rm -rf /run/facewire
-        : >$work/targets
-        [ "$(systemctl is-enabled facewire)" = enabled ] || fail 'the service does not start with the system'
-        systemctl start multi-user.target
-        # shellcheck disable=SC2046
-        systemctl start $(systemctl show --property Wants --value multi-user.target | tr ' ' '\n' | grep facewire)
-        await listening
-        touch /host/restarted
-    fi
     sleep 1
 done
 grep -q '^# The head in the hall.$' /etc/facewire/facewire.toml || fail 'a comment is gone'
 cp /etc/facewire/facewire.toml /host/kept.toml
-journalctl --unit facewire --unit facewire-console --unit 'facewire-helper@*' --output short >/host/journal
+journalctl --unit facewire --unit facewire-console --unit 'facewire-helper@*' --output short >>/host/journal
 ! grep -i panic /host/journal || fail 'a program panicked'
+if [ -e /host/restart ]; then
+    systemctl stop facewire facewire-console
+    # shellcheck disable=SC2046
+    tar --create --file /host/kept.new --numeric-owner /etc /var \
+        --no-recursion $(ls -d $(dpkg -L facewire) 2>/dev/null) 2>$work/tar || fail "$(cat $work/tar)"
+    cp $work/pose.jpg /host
+    rm /host/restart /host/targets
+    mv /host/kept.new /host/kept.tar
+fi

@@ -1,0 +1,97 @@
+//! `facewire-bridge`: publishes the faces of any number of boards by MQTT.
+//!
+//! Role: a thread receives packets ([`receive`]) into the [`fleet`], which holds the newest face of each board. The main
+//! thread publishes them by MQTT ([`mqtt`]).
+//! Contract: nothing is queued without bound. Whatever an output cannot take is replaced by newer state, and counted. A broker
+//! or network that is away is waited for.
+
+mod args;
+mod fleet;
+mod mqtt;
+mod receive;
+mod settings;
+mod trigger;
+
+use std::{
+    io::{self, Write as _},
+    net::SocketAddr,
+    process::ExitCode,
+    sync::Arc,
+    time::Instant,
+};
+
+use clap::Parser as _;
+use tokio::{
+    runtime, select,
+    signal::unix::{SignalKind, signal},
+    sync::watch,
+};
+
+use self::{
+    args::Args,
+    fleet::{Fleet, Shared},
+    settings::{Fault, Settings},
+};
+
+const EX_FAILED: u8 = 1;
+const EX_CONFIG: u8 = 78;
+
+/// Why the program fails.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    /// The settings are at fault.
+    #[error(transparent)]
+    Settings(#[from] Fault),
+    /// The UDP port is in use, or the address does not belong to this machine.
+    #[error("cannot receive packets at {address} ({error}); end what uses the port, or give --udp another address")]
+    Receive { address: SocketAddr, error: io::Error },
+    /// The network interface does not exist.
+    #[error("there is no network interface {0}; `ip link` lists them")]
+    Interface(String),
+    /// The system refuses a thread or a signal.
+    #[error("the system refuses {what} ({error}); try again when it has resources to spare")]
+    System { what: &'static str, error: io::Error },
+}
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            say(&failure.to_string());
+            ExitCode::from(if matches!(failure, Failure::Settings(_)) { EX_CONFIG } else { EX_FAILED })
+        }
+    }
+}
+
+/// Tells the user. Standard error may be closed.
+fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "facewire-bridge: {text}");
+}
+
+fn run(args: &Args) -> Result<(), Failure> {
+    let settings = Settings::load(args)?;
+    let refused = |what| move |error| Failure::System { what, error };
+    let client = settings.mqtt.as_ref().map(mqtt::Client::new).transpose()?;
+    let socket = receive::bind(&settings)?;
+    let shared = Arc::new(Shared::new(Fleet::new(&settings, Instant::now())));
+    receive::start(socket, Arc::clone(&shared)).map_err(refused("a thread"))?;
+    let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
+    runtime.block_on(async {
+        let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
+        let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
+        let (stop, stopped) = watch::channel(false);
+        let publishes = tokio::spawn(async move {
+            if let Some(client) = client {
+                client.run(&shared, stopped).await;
+            }
+        });
+        select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        stop.send_replace(true);
+        // Its own times bound the farewell.
+        let _ = publishes.await;
+        Ok(())
+    })
+}

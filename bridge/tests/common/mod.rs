@@ -1,0 +1,296 @@
+//! The bridge, simulated boards, and a broker.
+#![allow(dead_code, reason = "each file of tests uses a part")]
+
+#[path = "../../../tests/common/skip.rs"]
+pub mod skip;
+
+use std::{
+    fs,
+    io::{BufRead as _, BufReader, Read},
+    net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket},
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::mpsc::{Receiver, channel},
+    thread,
+    time::{Duration, Instant},
+};
+
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use serde_json::Value;
+
+/// How long something may take on a busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(40);
+
+/// A program whose lines of output are kept, and which ends with its test.
+pub struct Program {
+    child: Child,
+    lines: Receiver<String>,
+    pub seen: Vec<String>,
+}
+
+impl Program {
+    /// Starts a program and reads what it writes to standard output and standard error.
+    pub fn start(command: &mut Command) -> Self {
+        let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let (sender, lines) = channel();
+        let outputs: [Box<dyn Read + Send>; 2] =
+            [Box::new(child.stdout.take().unwrap()), Box::new(child.stderr.take().unwrap())];
+        for output in outputs {
+            let sender = sender.clone();
+            thread::spawn(move || {
+                for line in BufReader::new(output).lines().map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        Self { child, lines, seen: Vec::new() }
+    }
+
+    /// Waits for a line that this finds something in.
+    pub fn wait_for<T>(&mut self, what: &str, find: impl Fn(&str) -> Option<T>) -> T {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) else {
+                panic!("no {what} in\n{}", self.seen.join("\n"));
+            };
+            let found = find(&line);
+            self.seen.push(line);
+            if let Some(found) = found {
+                return found;
+            }
+        }
+    }
+
+    /// Waits for a line that contains this.
+    pub fn wait_for_text(&mut self, text: &str) {
+        self.wait_for(text, |line| line.contains(text).then_some(()));
+    }
+
+    /// Reads lines for a while.
+    pub fn read_for(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        while let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            self.seen.push(line);
+        }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub fn signal(&self, name: &str) {
+        let status = Command::new("kill").args([&format!("-{name}"), &self.id().to_string()]).status();
+        assert!(status.unwrap().success());
+    }
+
+    pub fn ends(&mut self) -> ExitStatus {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+        panic!("the program does not end");
+    }
+
+    /// The memory that the program occupies.
+    pub fn resident_kb(&self) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap();
+        let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A port that is free now.
+pub fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// The bridge, at a port of its own.
+pub struct Bridge {
+    pub program: Program,
+    pub port: u16,
+}
+
+impl Bridge {
+    pub fn start(arguments: &[&str]) -> Self {
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_facewire-bridge"));
+        command.args(["--udp", &format!("127.0.0.1:{port}")]).args(arguments);
+        Self { program: Program::start(&mut command), port }
+    }
+
+    pub fn board(&self, last: u8) -> Board {
+        Board::new(last, self.port)
+    }
+}
+
+/// A simulated board with the address 127.0.1.x.
+pub struct Board {
+    socket: UdpSocket,
+    to: SocketAddr,
+    pub packet: Packet,
+}
+
+impl Board {
+    pub fn new(last: u8, port: u16) -> Self {
+        let socket = UdpSocket::bind((Ipv4Addr::new(127, 0, 1, last), 0)).unwrap();
+        let packet = Packet { state: State::Live, reason: Reason::None, age_us: 20_000, ..Packet::NEUTRAL };
+        Self { socket, to: (Ipv4Addr::LOCALHOST, port).into(), packet }
+    }
+
+    pub fn set(&mut self, shape: &str, value: f32) {
+        self.packet.coefficients[BLENDSHAPES.iter().position(|known| *known == shape).unwrap()] = value;
+    }
+
+    pub fn send(&mut self) {
+        self.packet.sequence = self.packet.sequence.wrapping_add(1);
+        self.send_bytes(&self.packet.encode());
+    }
+
+    pub fn send_bytes(&self, bytes: &[u8]) {
+        // Before the bridge listens, the system reports that nobody does.
+        let _ = self.socket.send_to(bytes, self.to);
+    }
+}
+
+/// Sends as boards do until the guard is dropped: 60 times a second.
+pub fn sending(boards: Vec<Board>) -> impl Drop {
+    struct Guard(std::sync::Arc<()>, Option<thread::JoinHandle<()>>);
+    impl Drop for Guard {
+        fn drop(&mut self) {
+            self.0 = std::sync::Arc::default();
+            let _ = self.1.take().unwrap().join();
+        }
+    }
+    let running = std::sync::Arc::new(());
+    let watched = std::sync::Arc::downgrade(&running);
+    let mut boards = boards;
+    let thread = thread::spawn(move || {
+        while watched.strong_count() > 0 {
+            boards.iter_mut().for_each(Board::send);
+            thread::sleep(Duration::from_micros(16_667));
+        }
+    });
+    Guard(running, Some(thread))
+}
+
+/// A broker with its files.
+pub struct Broker {
+    pub folder: tempfile::TempDir,
+    pub port: u16,
+    program: Option<Program>,
+}
+
+impl Broker {
+    /// Starts mosquitto, or notes that it is not there.
+    pub fn start() -> Option<Self> {
+        let mut broker = Self::absent()?;
+        broker.come();
+        Some(broker)
+    }
+
+    /// A broker that is yet to come.
+    pub fn absent() -> Option<Self> {
+        if mosquitto().is_none() {
+            skip::skip("mosquitto and mosquitto-clients are not there: run scripts/setup tests");
+            return None;
+        }
+        let broker = Self { folder: tempfile::tempdir().unwrap(), port: free_port(), program: None };
+        broker.configure("allow_anonymous true\n");
+        Some(broker)
+    }
+
+    pub fn configure(&self, lines: &str) {
+        let text = format!("listener {} 127.0.0.1\nuser root\n{lines}", self.port);
+        fs::write(self.folder.path().join("mosquitto.conf"), text).unwrap();
+    }
+
+    pub fn come(&mut self) {
+        let mut command = Command::new(mosquitto().unwrap());
+        self.program = Some(Program::start(command.arg("-c").arg(self.folder.path().join("mosquitto.conf"))));
+        let end = Instant::now() + PATIENCE;
+        while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
+            assert!(Instant::now() < end, "mosquitto does not listen");
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    pub fn go(&mut self) {
+        self.program = None;
+    }
+
+    pub fn address(&self) -> String {
+        format!("127.0.0.1:{}", self.port)
+    }
+
+    /// Subscribes to topics with mosquitto's own client, and waits until it has done so.
+    pub fn subscribe(&self, topic: &str) -> Program {
+        // Into a pipe it writes whole blocks otherwise.
+        let mut command = Command::new("stdbuf");
+        command.args(["-oL", "mosquitto_sub", "-h", "127.0.0.1", "-p", &self.port.to_string(), "-t", topic]);
+        command.args(["-F", "%r %t %p", "-d"]);
+        let mut program = Program::start(&mut command);
+        program.wait_for_text("received SUBACK");
+        program
+    }
+
+    pub fn publish(&self, topic: &str, payload: &str, options: &[&str]) {
+        let mut command = Command::new("mosquitto_pub");
+        command.args(["-h", "127.0.0.1", "-p", &self.port.to_string(), "-t", topic, "-m", payload]).args(options);
+        assert!(command.status().unwrap().success());
+    }
+}
+
+/// Debian puts the broker where only root looks.
+fn mosquitto() -> Option<PathBuf> {
+    let works = |program: &&str| Command::new(program).arg("-h").output().is_ok();
+    let program = ["mosquitto", "/usr/sbin/mosquitto"].into_iter().find(works)?;
+    works(&"mosquitto_sub").then(|| program.into())
+}
+
+impl Program {
+    /// Waits for a message to a topic, whose payload this accepts. The lines are those of [`Broker::subscribe`].
+    pub fn wait_for_message(&mut self, topic: &str, accepts: impl Fn(&str) -> bool) -> String {
+        self.wait_for(topic, |line| {
+            let (_, rest) = line.split_once(' ')?;
+            let (found, payload) = rest.split_once(' ')?;
+            (found == topic && accepts(payload)).then(|| payload.to_owned())
+        })
+    }
+
+    pub fn wait_for_json(&mut self, topic: &str, accepts: impl Fn(&Value) -> bool) -> Value {
+        let parsed = |payload: &str| serde_json::from_str::<Value>(payload).ok();
+        let payload = self.wait_for_message(topic, |payload| parsed(payload).is_some_and(|value| accepts(&value)));
+        serde_json::from_str(&payload).unwrap()
+    }
+}
+
+/// The Python with the libraries of other implementations, which `scripts/setup` has made.
+pub fn python(library: &str) -> Option<PathBuf> {
+    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
+    let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
+    let python = cache.join("facewire/venv-tests/bin/python");
+    let imported = Command::new(&python).args(["-c", &format!("import {library}")]).output();
+    if imported.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    skip::skip(&format!("the Python library {library} is not there: run scripts/setup tests"));
+    None
+}
+
+/// A Python program of these tests.
+pub fn listener(python: &Path, arguments: &[&str]) -> Program {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/listen.py");
+    Program::start(Command::new(python).arg(script).args(arguments))
+}

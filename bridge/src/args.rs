@@ -10,6 +10,7 @@ Examples:
   facewire-bridge --mqtt broker.local                        every board that sends here, to a broker
   facewire-bridge --mqtt mqtts://me@broker.local --mqtt-password-file password
   facewire-bridge --board left=192.168.1.21 --board right=192.168.1.22 --mqtt broker.local
+  facewire-bridge --ros                                      every board, to ROS 2 in this network
   facewire-bridge --config bridge.toml                       settings from a file
 
 The password of the broker may also be in the environment, as FACEWIRE_MQTT_PASSWORD.
@@ -18,7 +19,7 @@ Exit status:
    0  success                       2  invalid arguments
    1  failure                      78  faulty settings";
 
-/// Publishes the faces of any number of facewire boards by MQTT.
+/// Publishes the faces of any number of facewire boards by MQTT and to ROS 2.
 #[derive(Debug, Clone, Default, clap::Parser)]
 #[command(name = "facewire-bridge", version, after_help = HELP)]
 pub struct Args {
@@ -47,6 +48,12 @@ pub struct Args {
     /// Publish the whole face as JSON, too, at most so many times a second [default: 0, which is never]
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u8).range(0..=60))]
     pub mqtt_stream: Option<u8>,
+    /// Publish to ROS 2, by DDS
+    #[arg(long)]
+    pub ros: bool,
+    /// Domain of ROS 2 [default: $ROS_DOMAIN_ID, or else 0]
+    #[arg(long, value_name = "N", requires = "ros", value_parser = clap::value_parser!(u16).range(0..=232))]
+    pub ros_domain: Option<u16>,
 }
 
 fn board(text: &str) -> Result<(String, IpAddr), String> {

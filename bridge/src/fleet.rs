@@ -6,7 +6,10 @@
 
 use std::{
     net::IpAddr,
-    sync::{Condvar, Mutex, MutexGuard, PoisonError},
+    sync::{
+        Condvar, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::{Duration, Instant},
 };
 
@@ -187,12 +190,16 @@ fn name_of(address: IpAddr) -> String {
 #[derive(Debug)]
 pub struct Shared {
     fleet: Mutex<Fleet>,
+    /// Whether packets have come since the last look, and what tells of them.
+    has_news: Mutex<bool>,
     bell: Condvar,
+    is_stopped: AtomicBool,
 }
 
 impl Shared {
     pub fn new(fleet: Fleet) -> Self {
-        Self { fleet: Mutex::new(fleet), bell: Condvar::new() }
+        let (fleet, has_news) = (Mutex::new(fleet), Mutex::new(false));
+        Self { fleet, has_news, bell: Condvar::new(), is_stopped: AtomicBool::new(false) }
     }
 
     pub fn lock(&self) -> MutexGuard<'_, Fleet> {
@@ -201,7 +208,26 @@ impl Shared {
 
     /// Wakes who waits for packets.
     pub fn ring(&self) {
-        self.bell.notify_all();
+        let was = std::mem::replace(&mut *self.has_news.lock().unwrap_or_else(PoisonError::into_inner), true);
+        if !was {
+            self.bell.notify_one();
+        }
+    }
+
+    /// Waits for packets, but not longer than this.
+    pub fn wait(&self, longest: Duration) {
+        let has_news = self.has_news.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.bell.wait_timeout_while(has_news, longest, |has_news| !*has_news);
+        *waited.unwrap_or_else(PoisonError::into_inner).0 = false;
+    }
+
+    /// Ends the threads that publish.
+    pub fn stop(&self) {
+        self.is_stopped.store(true, Ordering::Relaxed);
+    }
+
+    pub fn is_stopped(&self) -> bool {
+        self.is_stopped.load(Ordering::Relaxed)
     }
 }
 

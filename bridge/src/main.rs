@@ -1,7 +1,7 @@
-//! `facewire-bridge`: publishes the faces of any number of boards by MQTT.
+//! `facewire-bridge`: publishes the faces of any number of boards by MQTT and to ROS 2.
 //!
 //! Role: a thread receives packets ([`receive`]) into the [`fleet`], which holds the newest face of each board. The main
-//! thread publishes them by MQTT ([`mqtt`]).
+//! thread publishes them by MQTT ([`mqtt`]), and another one to ROS 2 ([`ros`]).
 //! Contract: nothing is queued without bound. Whatever an output cannot take is replaced by newer state, and counted. A broker
 //! or network that is away is waited for.
 
@@ -9,6 +9,7 @@ mod args;
 mod fleet;
 mod mqtt;
 mod receive;
+mod ros;
 mod settings;
 mod trigger;
 
@@ -75,14 +76,17 @@ fn run(args: &Args) -> Result<(), Failure> {
     let socket = receive::bind(&settings)?;
     let shared = Arc::new(Shared::new(Fleet::new(&settings, Instant::now())));
     receive::start(socket, Arc::clone(&shared)).map_err(refused("a thread"))?;
+    let graph = settings.ros.as_ref().map(|ros| ros::start(ros, Arc::clone(&shared)));
+    let graph = graph.transpose().map_err(refused("a thread"))?;
     let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
     runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
         let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
         let (stop, stopped) = watch::channel(false);
+        let faces = Arc::clone(&shared);
         let publishes = tokio::spawn(async move {
             if let Some(client) = client {
-                client.run(&shared, stopped).await;
+                client.run(&faces, stopped).await;
             }
         });
         select! {
@@ -90,8 +94,12 @@ fn run(args: &Args) -> Result<(), Failure> {
             _ = terminate.recv() => {}
         }
         stop.send_replace(true);
-        // Its own times bound the farewell.
+        shared.stop();
+        // Their own times bound their farewells.
         let _ = publishes.await;
+        if let Some(graph) = graph {
+            let _ = graph.join();
+        }
         Ok(())
     })
 }

@@ -42,6 +42,7 @@ pub struct Settings {
     /// The boards that have a name.
     pub board: Vec<NamedBoard>,
     pub mqtt: Option<Mqtt>,
+    pub ros: Option<Ros>,
 }
 
 /// A board by its name.
@@ -72,6 +73,39 @@ pub struct Mqtt {
     pub eyes_shut: Thresholds,
 }
 
+/// What to publish to ROS 2.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros {
+    pub domain: Option<u16>,
+    /// The first part of the topics.
+    pub namespace: String,
+    /// Whether action units are published as ROS4HRI has them.
+    pub action_units: bool,
+}
+
+impl Default for Ros {
+    fn default() -> Self {
+        Self { domain: None, namespace: "facewire".to_owned(), action_units: false }
+    }
+}
+
+impl Ros {
+    fn check(&self) -> Result<(), Fault> {
+        check_name(&self.namespace).map_err(|Fault(text)| Fault(format!("ros.namespace: {text}")))?;
+        match self.domain() {
+            0..=232 => Ok(()),
+            domain => fault(format!("there is no domain {domain}: ros.domain is from 0 to 232")),
+        }
+    }
+
+    /// The domain, by default that of the environment.
+    pub fn domain(&self) -> u16 {
+        let of_environment = || std::env::var("ROS_DOMAIN_ID").ok()?.parse().ok();
+        self.domain.or_else(of_environment).unwrap_or(0)
+    }
+}
+
 /// Where a trigger goes on and off.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -89,6 +123,7 @@ impl Default for Settings {
             accept_others: None,
             board: Vec::new(),
             mqtt: None,
+            ros: None,
         }
     }
 }
@@ -138,6 +173,10 @@ impl Settings {
             mqtt.ca_file = args.mqtt_ca.unwrap_or_else(|| mqtt.ca_file.clone());
             mqtt.stream_hz = args.mqtt_stream.unwrap_or(mqtt.stream_hz);
         }
+        if args.ros {
+            let ros = self.ros.get_or_insert_default();
+            ros.domain = args.ros_domain.or(ros.domain);
+        }
     }
 
     fn check(&self) -> Result<(), Fault> {
@@ -157,9 +196,14 @@ impl Settings {
         if !(1..=256).contains(&self.most_boards) || self.board.len() > self.most_boards {
             return fault(format!("most_boards must be from {} to 256", self.board.len().max(1)));
         }
-        match &self.mqtt {
-            Some(mqtt) => mqtt.check(),
-            None => fault("there is nobody to publish to: give --mqtt BROKER, or a table [mqtt] in the settings"),
+        match (&self.mqtt, &self.ros) {
+            (None, None) => {
+                fault("there is nobody to publish to: give --mqtt BROKER or --ros, or a table [mqtt] or [ros]")
+            }
+            (mqtt, ros) => {
+                ros.as_ref().map_or(Ok(()), Ros::check)?;
+                mqtt.as_ref().map_or(Ok(()), Mqtt::check)
+            }
         }
     }
 

@@ -266,8 +266,8 @@ fn strangers_damaged_datagrams_and_boards_too_many_are_counted_and_told() {
         bridge.board(last).send();
     }
     bridge.program.wait_for_text("127.0.1.3 is one board too many: 2 packets refused. Raise most_boards");
-    listener.wait_for_json("few/bridge/health", |health| health["surplus"] == 2 && health["boards"] == 2);
     listener.wait_for_message("few/board_127_0_1_2/availability", |payload| payload == "online");
+    listener.wait_for_json("few/bridge/health", |health| health["surplus"] == 2 && health["boards"] == 2);
 }
 
 #[test]

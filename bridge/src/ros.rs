@@ -1,0 +1,303 @@
+//! ROS 2 by DDS, on a thread of its own.
+//!
+//! Each packet is published at once, by writers that are reliable, as subscribers of ROS ask by default. A writer that cannot
+//! take a message counts it and goes on with the next. After a board falls silent its last face moves to neutral, and then the
+//! topics rest. RustDDS joins the networks that it finds at its start, so a change of addresses starts it again.
+
+mod messages;
+
+use std::{
+    collections::BTreeSet,
+    io,
+    net::IpAddr,
+    sync::Arc,
+    thread::{self, JoinHandle},
+    time::{Duration, Instant, SystemTime},
+};
+
+use facewire_packet::{BLENDSHAPES, Face, Reason, State};
+use nix::ifaddrs::getifaddrs;
+use ros2_client::{
+    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
+    qos::{Durability, History, QosProfile, WhenFull},
+};
+use serde::Serialize;
+
+use self::messages::{
+    Bool, DiagnosticArray, DiagnosticStatus, FacialActionUnits, Header, IdsList, JointState, KeyValue, PoseStamped,
+    TFMessage, TransformStamped, action_units, pose,
+};
+use crate::{
+    fleet::{Board, Shared},
+    say,
+    settings::Ros,
+};
+
+/// The longest time between two looks, and the pace of a face on its way to neutral.
+const LOOK: Duration = Duration::from_millis(50);
+/// Packets that come within this time are published together.
+const GATHER: Duration = Duration::from_millis(2);
+/// The period of diagnostics, and of looks for changed addresses.
+const SECOND: Duration = Duration::from_secs(1);
+/// Boards that get their writers at a time. RustDDS drops announcements of writers if too many are made at once.
+const NEW_BOARDS: usize = 4;
+/// Packets of the past, of which a reader that lost one may ask for.
+const DEPTH: usize = 5;
+
+type Failed = Box<dyn std::error::Error>;
+
+/// Starts to publish.
+pub fn start(settings: &Ros, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
+    let settings = settings.clone();
+    thread::Builder::new().name("ros".to_owned()).spawn(move || {
+        let mut told = String::new();
+        while !shared.is_stopped() {
+            let addresses = addresses();
+            let outcome = Graph::open(&settings).and_then(|mut graph| graph.publish(&shared, &addresses));
+            if let Err(error) = outcome
+                && told != error.to_string()
+            {
+                told = error.to_string();
+                say(&format!("ROS 2 cannot be reached ({told}); check the network and --ros-domain. Trying again"));
+            }
+            thread::sleep(LOOK);
+        }
+    })
+}
+
+/// The addresses of this machine.
+fn addresses() -> BTreeSet<IpAddr> {
+    let all = getifaddrs().into_iter().flatten().filter_map(|interface| interface.address);
+    all.filter_map(|address| {
+        let v4 = address.as_sockaddr_in().map(|address| IpAddr::V4(address.ip()));
+        v4.or_else(|| address.as_sockaddr_in6().map(|address| IpAddr::V6(address.ip())))
+    })
+    .collect()
+}
+
+/// The writers of a board, and what it showed last.
+struct Writers {
+    blendshapes: Publisher<JointState>,
+    head_pose: Publisher<PoseStamped>,
+    face: Publisher<Bool>,
+    action_units: Option<Publisher<FacialActionUnits>>,
+    /// The packets that were seen.
+    seen: u64,
+    shown: Option<Face>,
+    has_face: Option<bool>,
+}
+
+/// This program in the graph of ROS.
+struct Graph {
+    settings: Ros,
+    node: Node,
+    boards: Vec<Writers>,
+    transforms: Publisher<TFMessage>,
+    diagnostics: Publisher<DiagnosticArray>,
+    faces: Option<Publisher<IdsList>>,
+    /// Packets that were replaced by newer ones before they were published.
+    skipped: u64,
+    /// Messages that a writer could not take.
+    refused: u64,
+}
+
+/// A message's package, its type, and whether who comes later gets the last one.
+type Kind = (&'static str, &'static str, Durability);
+
+fn publisher<M: Serialize>(node: &mut Node, topic: &str, kind: Kind) -> Result<Publisher<M>, Failed> {
+    let (package, name, durability) = kind;
+    let depth = if durability == Durability::TransientLocal { 1 } else { DEPTH };
+    let quality = QosProfile::publisher_default()
+        .reliability_reliable(WhenFull::Fail)
+        .durability(durability)
+        .history(History::KeepLast { depth });
+    let topic = node.create_topic(&Name::parse(topic)?, MessageTypeName::new(package, name), &quality)?;
+    Ok(node.create_publisher(&topic, None)?)
+}
+
+impl Graph {
+    fn open(settings: &Ros) -> Result<Self, Failed> {
+        let context = Context::with_options(ContextOptions::new().domain_id(settings.domain()))?;
+        let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+        let mut node = context.new_node(NodeName::new("/", "facewire_bridge")?, options)?;
+        let volatile = Durability::Volatile;
+        let transforms = publisher(&mut node, "/tf", ("tf2_msgs", "TFMessage", volatile))?;
+        let diagnostics = publisher(&mut node, "/diagnostics", ("diagnostic_msgs", "DiagnosticArray", volatile))?;
+        let faces = settings
+            .action_units
+            .then(|| publisher(&mut node, "/humans/faces/tracked", ("hri_msgs", "IdsList", volatile)));
+        let faces = faces.transpose()?;
+        let settings = settings.clone();
+        Ok(Self { settings, node, boards: Vec::new(), transforms, diagnostics, faces, skipped: 0, refused: 0 })
+    }
+
+    /// Publishes until the program stops or the machine's addresses change.
+    fn publish(&mut self, shared: &Shared, addresses: &BTreeSet<IpAddr>) -> Result<(), Failed> {
+        let mut due = Instant::now();
+        while !shared.is_stopped() {
+            shared.wait(LOOK);
+            self.add_boards(shared)?;
+            self.publish_faces(shared);
+            let now = Instant::now();
+            if now >= due {
+                due = now + SECOND;
+                self.publish_diagnostics(shared, now);
+                if self::addresses() != *addresses {
+                    say("the addresses of this machine have changed: joining ROS 2 again");
+                    return Ok(());
+                }
+            }
+            thread::sleep(GATHER);
+        }
+        // Who waits for a face learns that there is none, before the writers go.
+        self.boards.iter().for_each(|writers| drop(writers.face.publish(Bool { data: false })));
+        thread::sleep(LOOK);
+        Ok(())
+    }
+
+    fn add_boards(&mut self, shared: &Shared) -> Result<(), Failed> {
+        let first = self.boards.len();
+        let names: Vec<String> =
+            shared.lock().boards.iter().skip(first).take(NEW_BOARDS).map(|board| board.name.clone()).collect();
+        for (name, at) in names.into_iter().zip(first..) {
+            let (node, topic) = (&mut self.node, |part: &str| format!("/{}/{name}/{part}", self.settings.namespace));
+            let action_units = self.settings.action_units.then(|| {
+                let topic = format!("/humans/faces/{}/facs", face_id(at));
+                publisher(node, &topic, ("hri_msgs", "FacialActionUnits", Durability::Volatile))
+            });
+            let action_units = action_units.transpose()?;
+            self.boards.push(Writers {
+                blendshapes: publisher(
+                    node,
+                    &topic("blendshapes"),
+                    ("sensor_msgs", "JointState", Durability::Volatile),
+                )?,
+                head_pose: publisher(
+                    node,
+                    &topic("head_pose"),
+                    ("geometry_msgs", "PoseStamped", Durability::Volatile),
+                )?,
+                face: publisher(node, &topic("face"), ("std_msgs", "Bool", Durability::TransientLocal))?,
+                action_units,
+                seen: 0,
+                shown: None,
+                has_face: None,
+            });
+        }
+        Ok(())
+    }
+
+    /// Publishes the face of each board that has a new one or goes to neutral.
+    fn publish_faces(&mut self, shared: &Shared) {
+        let (now, mut transforms) = (Instant::now(), Vec::new());
+        for (at, writers) in self.boards.iter_mut().enumerate() {
+            let mut fleet = shared.lock();
+            let (Some(face), Some(board)) = (fleet.face(at, now), fleet.boards.get(at)) else { continue };
+            let (has_face, missed) = (board.has_face(now), board.missed_since(&mut writers.seen));
+            let (name, packet) = (board.name.clone(), *board.packet());
+            drop(fleet);
+            let mut refused = 0;
+            if writers.has_face.replace(has_face) != Some(has_face) {
+                refused += u64::from(writers.face.publish(Bool { data: has_face }).is_err());
+            }
+            self.skipped += missed.unwrap_or(0);
+            let moves = face.is_silent && writers.shown.is_some_and(|shown| shown != face);
+            if missed.is_none() && !moves {
+                self.refused += refused;
+                continue;
+            }
+            writers.shown = Some(face);
+            let age = if missed.is_some() { Duration::from_micros(packet.age_us.into()) } else { Duration::ZERO };
+            let stamp = SystemTime::now().checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH).into();
+            let header = Header { stamp, frame_id: format!("{name}_camera_optical_frame") };
+            let pose = pose(face.rotation, packet.position_mm);
+            let joints = JointState {
+                header: header.clone(),
+                name: &BLENDSHAPES,
+                position: face.coefficients.map(f64::from).into(),
+                velocity: &[],
+                effort: &[],
+            };
+            refused += u64::from(writers.blendshapes.publish(joints).is_err());
+            refused += u64::from(writers.head_pose.publish(PoseStamped { header: header.clone(), pose }).is_err());
+            if let (Some(writer), true) = (&writers.action_units, has_face) {
+                let [intensity, confidence] = action_units(&face.coefficients);
+                let units = FacialActionUnits { header: header.clone(), intensity, confidence };
+                refused += u64::from(writer.publish(units).is_err());
+            }
+            // Where no face is followed, there is no head to look for.
+            let frames = [format!("{name}_head"), format!("face_{}", face_id(at))];
+            let count = if !has_face { 0 } else { 1 + usize::from(self.settings.action_units) };
+            transforms.extend(frames.into_iter().take(count).map(|child_frame_id| TransformStamped {
+                header: header.clone(),
+                child_frame_id,
+                transform: pose,
+            }));
+            self.refused += refused;
+        }
+        if !transforms.is_empty() {
+            self.refused += u64::from(self.transforms.publish(TFMessage { transforms }).is_err());
+        }
+    }
+
+    fn publish_diagnostics(&mut self, shared: &Shared, now: Instant) {
+        let fleet = shared.lock();
+        let mut status: Vec<DiagnosticStatus> = fleet.boards.iter().map(|board| board_status(board, now)).collect();
+        let ids = fleet.boards.iter().zip(0..).filter(|(board, _)| board.has_face(now)).map(|(_, at)| face_id(at));
+        let (ids, counts) = (ids.collect(), fleet.counts);
+        drop(fleet);
+        let is_whole = counts.strangers + counts.surplus + counts.damaged == 0;
+        status.push(DiagnosticStatus {
+            level: u8::from(!is_whole),
+            name: "facewire bridge".to_owned(),
+            message: if is_whole { "runs" } else { "packets were refused" }.to_owned(),
+            hardware_id: String::new(),
+            values: values([
+                ("strangers", counts.strangers),
+                ("surplus", counts.surplus),
+                ("damaged", counts.damaged),
+                ("skipped", self.skipped),
+                ("refused", self.refused),
+            ]),
+        });
+        let header = Header { stamp: SystemTime::now().into(), frame_id: String::new() };
+        if let Some(faces) = &self.faces {
+            self.refused += u64::from(faces.publish(IdsList { header: header.clone(), ids }).is_err());
+        }
+        self.refused += u64::from(self.diagnostics.publish(DiagnosticArray { header, status }).is_err());
+    }
+}
+
+/// The name of a face for ROS4HRI: five characters that say nothing of the person.
+fn face_id(at: usize) -> String {
+    format!("f{at:04}")
+}
+
+fn values<const N: usize>(numbers: [(&'static str, u64); N]) -> Vec<KeyValue> {
+    numbers.map(|(key, number)| KeyValue { key, value: number.to_string() }).into()
+}
+
+fn board_status(board: &Board, now: Instant) -> DiagnosticStatus {
+    let (packet, tally) = (board.packet(), &board.tally);
+    let (level, message) = match (packet.state, packet.reason) {
+        _ if !board.is_here(now) => (3, "silent".to_owned()),
+        (State::Live, Reason::None) => (0, "live".to_owned()),
+        (state, reason @ (Reason::NoCamera | Reason::BadResult)) => (2, format!("{}: {}", state.name(), reason.name())),
+        (state, reason @ Reason::Late) => (1, format!("{}: {}", state.name(), reason.name())),
+        (state, reason) => (0, format!("{}: {}", state.name(), reason.name())),
+    };
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a rate is small and positive")]
+    let rate_hz = tally.rate_hz(now).round() as u64;
+    DiagnosticStatus {
+        level,
+        name: format!("facewire {}", board.name),
+        message,
+        hardware_id: board.address.to_string(),
+        values: values([
+            ("packets_per_s", rate_hz),
+            ("packets", tally.packets),
+            ("lost", tally.lost),
+            ("damaged", tally.refused),
+        ]),
+    }
+}

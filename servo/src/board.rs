@@ -125,7 +125,7 @@ impl Board {
         for (dial, channel) in self.dials.channels.iter().zip(&self.channels) {
             dial.target.set(Some(channel.target));
             dial.position.set(Some(channel.motion.position));
-            dial.pulse_us.set(channel.now_us().filter(|_| self.moved_at.is_some()));
+            dial.pulse_us.set(channel.place_now().filter(|_| self.moved_at.is_some()));
         }
     }
 }
@@ -153,7 +153,7 @@ mod tests {
                 now += std::time::Duration::from_millis(20);
                 board.follow(&packet, now);
             }
-            board.channels.iter().map(|channel| (channel.target, channel.target_us())).collect::<Vec<_>>()
+            board.channels.iter().map(|channel| (channel.target, channel.target_place())).collect::<Vec<_>>()
         };
         assert_eq!(follow(2, 1.0), [(1.0, Some(2000.0)); 2]);
         dials.turn(Some((3, 7.0)));
@@ -166,10 +166,10 @@ mod tests {
         assert!(follow(2, 0.0).iter().all(|(_, pulse_us)| pulse_us.is_none()));
         operator.is_released.store(false, Relaxed);
         now += std::time::Duration::from_millis(20);
-        let first = board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_us().unwrap();
+        let first = board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_place().unwrap();
         assert!((1979.0..2000.0).contains(&first), "{first}: the first pulse is that of the place where it was left");
         now += std::time::Duration::from_millis(20);
-        assert_eq!(board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_us(), Some(1000.0));
+        assert_eq!(board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_place(), Some(1000.0));
         assert!((0.95..0.97).contains(&dials.channels[1].position.get().unwrap()) && !dials.is_operated());
     }
 }

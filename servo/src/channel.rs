@@ -35,6 +35,9 @@ pub struct ChannelSettings {
     pub offset: f32,
     pub pulse_at_0_us: u32,
     pub pulse_at_1_us: u32,
+    /// The ends of a bus servo, in place of pulses.
+    pub position_at_0: f32,
+    pub position_at_1: f32,
     /// Below 0 stands for the position of the neutral face.
     pub neutral: f32,
     /// 0 stands for no limit.
@@ -54,6 +57,8 @@ impl Default for ChannelSettings {
             offset: 0.0,
             pulse_at_0_us: 1000,
             pulse_at_1_us: 2000,
+            position_at_0: 0.0,
+            position_at_1: 0.0,
             neutral: -1.0,
             speed_per_s: 0.0,
             acceleration_per_s2: 0.0,
@@ -95,6 +100,8 @@ pub struct Channel {
     pub limits: Limits,
     pub(crate) settings: ChannelSettings,
     neutral: f32,
+    /// Both ends: pulses in microseconds, or steps of a bus servo. The end at 1 may be the lower one.
+    pub(crate) ends: [f32; 2],
     pub(crate) target: f32,
     pub(crate) motion: Motion,
     is_released: bool,
@@ -114,30 +121,27 @@ impl Channel {
             acceleration_per_s2: limit(settings.acceleration_per_s2),
         };
         let number = u16::try_from(settings.channel).unwrap_or_default();
-        let (settings, motion) = (settings.clone(), Motion::at(neutral));
+        let ends = [settings.pulse_at_0_us as f32, settings.pulse_at_1_us as f32];
+        let (settings, motion, target) = (settings.clone(), Motion::at(neutral), neutral);
         let (is_released, is_first, jog, is_off) = (false, false, None, false);
-        Self { number, limits, settings, neutral, target: neutral, motion, is_released, is_first, jog, is_off }
+        Self { number, limits, settings, neutral, ends, target, motion, is_released, is_first, jog, is_off }
     }
 
-    /// The pulses at both ends, microseconds. The end at 1 may have the shorter pulse.
-    fn ends_us(&self) -> [f32; 2] {
-        [self.settings.pulse_at_0_us as f32, self.settings.pulse_at_1_us as f32]
+    /// How far apart the ends are.
+    pub fn span(&self) -> f32 {
+        let [at_0, at_1] = self.ends;
+        (at_1 - at_0).abs()
     }
 
-    pub fn span_us(&self) -> f32 {
-        let [at_0_us, at_1_us] = self.ends_us();
-        (at_1_us - at_0_us).abs()
+    pub(crate) fn place(&self, position: f32) -> f32 {
+        let [at_0, at_1] = self.ends;
+        at_0 + (at_1 - at_0) * if position.is_nan() { 0.5 } else { position.clamp(0.0, 1.0) }
     }
 
-    fn pulse_us(&self, position: f32) -> f32 {
-        let [at_0_us, at_1_us] = self.ends_us();
-        at_0_us + (at_1_us - at_0_us) * if position.is_nan() { 0.5 } else { position.clamp(0.0, 1.0) }
-    }
-
-    /// Notes that the servo stands where this pulse has moved it. It goes on from there, or from the nearer end.
-    pub fn rest_at(&mut self, pulse_us: f32) {
-        let [at_0_us, at_1_us] = self.ends_us();
-        let position = (pulse_us - at_0_us) / (at_1_us - at_0_us);
+    /// Notes that the servo stands at this place. It goes on from there, or from the nearer end.
+    pub fn rest_at(&mut self, place: f32) {
+        let [at_0, at_1] = self.ends;
+        let position = (place - at_0) / (at_1 - at_0);
         if !position.is_nan() {
             self.motion = Motion::at(position.clamp(0.0, 1.0));
         }
@@ -165,15 +169,15 @@ impl Channel {
         self.is_first = was_released && !self.is_released;
     }
 
-    /// The pulse for where the channel goes, for a board that moves there within the limits. The first pulse after none is
-    /// that of where the servo was left, because the board would move it at once. `None` ends the pulses.
-    pub fn target_us(&self) -> Option<f32> {
-        if self.is_first { self.now_us() } else { (!self.is_released).then(|| self.pulse_us(self.target)) }
+    /// The place where the channel goes, for a board that moves there within the limits. The first place after none is
+    /// where the servo was left, because the board would move it at once. `None` releases the servo.
+    pub fn target_place(&self) -> Option<f32> {
+        if self.is_first { self.place_now() } else { (!self.is_released).then(|| self.place(self.target)) }
     }
 
-    /// The pulse for where the channel is by now if it keeps its limits. `None` ends the pulses.
-    pub fn now_us(&self) -> Option<f32> {
-        (!self.is_released).then(|| self.pulse_us(self.motion.position))
+    /// The place where the channel is by now if it keeps its limits. `None` releases the servo.
+    pub fn place_now(&self) -> Option<f32> {
+        (!self.is_released).then(|| self.place(self.motion.position))
     }
 
     /// Returns the weighted sum of the sources, or `None` if they give no number.
@@ -239,7 +243,7 @@ pub(crate) mod tests {
         let settings = ChannelSettings { pulse_at_0_us: 2000, pulse_at_1_us: 1000, ..ChannelSettings::default() };
         let mut channel = Channel::new(&settings);
         for (position, pulse_us) in [(0.25, 1750.0), (f32::NAN, 1500.0), (-3.0, 2000.0), (f32::INFINITY, 1000.0)] {
-            assert_eq!(channel.pulse_us(position), pulse_us);
+            assert_eq!(channel.place(position), pulse_us);
         }
         for (pulse_us, position) in [(1750.0, 0.25), (f32::NAN, 0.25), (f32::INFINITY, 0.0), (-1e30, 1.0)] {
             channel.rest_at(pulse_us);
@@ -271,13 +275,13 @@ pub(crate) mod tests {
             let mut jaw = channel(&[("jawOpen", 1.0)], 0.0, 0.0, loss);
             for state in [State::Live, State::Hold, State::Decay] {
                 jaw.step(state, Reason::None, &values, STEP_S);
-                assert!(jaw.now_us().is_some(), "{state:?}");
+                assert!(jaw.place_now().is_some(), "{state:?}");
             }
             assert_eq!(jaw.motion, Motion::at(1.0));
             jaw.limits.speed_per_s = speed_per_s;
             let found = (0..100_usize).find(|_| {
                 jaw.step(State::Neutral, reason, &values, STEP_S);
-                jaw.now_us().is_none()
+                jaw.place_now().is_none()
             });
             assert!(found.zip(steps).map_or(found == steps, |(found, want)| found.abs_diff(want) < 2), "{steps:?}");
             assert!(jaw.target == 0.5 && (steps.is_some() || jaw.motion == Motion::at(0.5)));

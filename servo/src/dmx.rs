@@ -85,7 +85,7 @@ impl Values {
     /// Moves the channels with the face, within their limits. Addresses that no channel has are 0.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &Universe {
         for channel in self.board.follow(packet, now) {
-            let (settings, pulse_us) = (&channel.settings, channel.now_us());
+            let (settings, pulse_us) = (&channel.settings, channel.place_now());
             let value = pulse_us.map_or(0, |pulse_us| settings.dmx.value(pulse_us)).to_be_bytes();
             let bytes = if settings.dmx.width() == 1 { &value[1..] } else { &value };
             let first = settings.channel.saturating_sub(1) as usize;

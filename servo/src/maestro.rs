@@ -74,7 +74,7 @@ impl Protocol {
 
     /// Appends the limits of a channel. A Maestro that restarts forgets them.
     pub fn write_limits(self, channel: &Channel, out: &mut Vec<u8>) {
-        let (span_us, limits) = (channel.span_us(), channel.limits);
+        let (span_us, limits) = (channel.span(), channel.limits);
         let speed = speed(limits.speed_per_s * span_us);
         let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
         for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
@@ -89,7 +89,7 @@ impl Protocol {
         let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
         for block in channels.chunk_by(is_next) {
             let (first, count) = (block.first().map_or(0, |channel| channel.number as u8), block.len());
-            let targets = block.iter().flat_map(|channel| data(target(channel.target_us())));
+            let targets = block.iter().flat_map(|channel| data(target(channel.target_place())));
             if count == 1 {
                 self.write(out, Code::SetTarget, [first].into_iter().chain(targets));
             } else {

@@ -171,7 +171,7 @@ impl Servos {
         let channels = self.board.follow(packet, now);
         let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number as u8));
         let pulse_us =
-            |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(Channel::now_us);
+            |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(Channel::place_now);
         let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
         chip.write_channels(first, &registers)
     }

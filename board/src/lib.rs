@@ -1,5 +1,5 @@
 //! The board: which one it is, its identifier, and what the kernel tells of its temperature, supply voltage and clock rates.
-//! It also describes what makes tracking poor, on the board or in front of the camera, and a name server out of reach, with
+//! It also describes serial ports, what makes tracking poor, on the board or in front of the camera, and a name server out of reach, with
 //! the remedies.
 //!
 //! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
@@ -11,6 +11,7 @@
 mod impairment;
 mod machine;
 mod network;
+mod ports;
 mod sensors;
 
 use std::path::PathBuf;
@@ -18,6 +19,7 @@ use std::path::PathBuf;
 pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
 pub use self::network::{machine_id, name_server_remedy};
+pub use self::ports::{AutoDevice, Numbers, auto_device, latency_remedy, restarts};
 pub use self::sensors::{HardwareSettings, Sensors};
 
 const POLL_US: u64 = 2_000_000;

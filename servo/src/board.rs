@@ -169,7 +169,10 @@ mod tests {
         let first = board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_place().unwrap();
         assert!((1979.0..2000.0).contains(&first), "{first}: the first pulse is that of the place where it was left");
         now += std::time::Duration::from_millis(20);
-        assert_eq!(board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_place(), Some(1000.0));
+        assert_eq!(
+            board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now)[1].target_place(),
+            Some(1000.0)
+        );
         assert!((0.95..0.97).contains(&dials.channels[1].position.get().unwrap()) && !dials.is_operated());
     }
 }

@@ -171,11 +171,11 @@ impl Line {
         })
     }
 
-    /// What is wrong with servos, and what to do. Empty if nothing is.
+    /// What is wrong with servos, and what to do: a line for each.
     #[must_use]
     pub fn troubles(&self) -> String {
         let told = |servo: &Servo| servo.trouble.as_ref().map(|trouble| format!("servo {}: {trouble}", servo.id));
-        self.servos.iter().filter_map(told).collect::<Vec<_>>().join("; ")
+        self.servos.iter().filter_map(told).collect::<Vec<_>>().join("\n")
     }
 
     /// Appends what takes the torque from all servos.

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
+use crate::bus::{Kind, MOST_SERVOS, Unit};
 use crate::maestro::{ACCELERATION_UNIT_US_PER_S2, SPEED_UNIT_US_PER_S};
 use crate::pca9685::{CHANNELS, Period};
 use crate::{ChannelSettings, Form, dmx::PULSES_US};
@@ -15,28 +16,46 @@ pub struct Ability {
     /// Whether channels have addresses and values by DMX.
     is_dmx: bool,
     longest_pulse_us: u32,
-    /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
+    /// The highest position of a bus servo, in the unit of the settings.
+    most_position: Option<f32>,
+    /// Least limits of speed and acceleration that the board can keep, in the unit of its ends.
     least_limits: [f32; 2],
 }
 
 impl Ability {
     /// The values of a universe stand for pulses, and a channel of 16 bits takes two addresses.
-    pub const DMX: Self =
-        Self { name: "universe", channels: 1..=512, is_dmx: true, longest_pulse_us: 65_535, least_limits: [0.0; 2] };
+    pub const DMX: Self = Self {
+        name: "universe",
+        channels: 1..=512,
+        is_dmx: true,
+        longest_pulse_us: 65_535,
+        most_position: None,
+        least_limits: [0.0; 2],
+    };
 
     /// Maestros with 12 channels or more, which have the command for several targets, make longer pulses.
     #[must_use]
     pub fn maestro(has_multiple_targets: bool) -> Self {
         let longest_pulse_us = if has_multiple_targets { 4080 } else { 3280 };
         let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-        Self { name: "Maestro", channels: 0..=23, is_dmx: false, longest_pulse_us, least_limits }
+        Self { name: "Maestro", channels: 0..=23, is_dmx: false, longest_pulse_us, least_limits, ..Self::DMX }
     }
 
     /// A pulse of a PCA9685 ends within the period.
     #[must_use]
     pub fn pca9685(period: Period) -> Self {
         let (longest_pulse_us, channels) = (period.longest_pulse_us() as u32, 0..=u32::from(CHANNELS) - 1);
-        Self { name: "PCA9685", channels, is_dmx: false, longest_pulse_us, least_limits: [0.0; 2] }
+        Self { name: "PCA9685", channels, is_dmx: false, longest_pulse_us, ..Self::DMX }
+    }
+
+    /// Bus servos of a family, whose ends have this unit.
+    #[must_use]
+    pub fn bus_servo(kind: Kind, unit: Unit) -> Self {
+        let family = kind.family();
+        let step = if unit == Unit::Degrees { family.degrees_per_step } else { 1.0 };
+        let (most_position, least_limits) =
+            (Some(f32::from(family.most_steps) * step), family.least_limits().map(|it| it * step));
+        Self { name: family.name, channels: 0..=252, is_dmx: false, most_position, least_limits, ..Self::DMX }
     }
 }
 
@@ -59,6 +78,9 @@ pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) 
         }
         check.motion(channel);
     }
+    let is_one_too_many = board.most_position.is_some() && channels.len() > MOST_SERVOS;
+    let expected = format!("at most {MOST_SERVOS} servos on one line, and others another line and link");
+    check.need(!is_one_too_many, "link.channel", channels.len(), expected);
     check.faults
 }
 
@@ -122,8 +144,41 @@ impl Check<'_> {
     }
 
     fn motion(&mut self, channel: &ChannelSettings) {
+        let ChannelSettings { channel: number, position_at_0, position_at_1, .. } = *channel;
+        let span = if self.board.most_position.is_some() {
+            self.positions(channel);
+            (position_at_0 - position_at_1).abs()
+        } else {
+            self.pulses(channel);
+            channel.pulse_at_0_us.abs_diff(channel.pulse_at_1_us) as f32
+        };
+        let Ability { name, least_limits: [least_speed, least_acceleration], .. } = *self.board;
+        let limits = [
+            ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
+            ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
+        ];
+        // A board that counts limits in units cannot keep one below a unit.
+        for (key, limit, least) in limits.into_iter().filter(|_| span > 0.0) {
+            let rounded_up = (least / span * 1000.0).ceil() / 1000.0;
+            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
+            self.need(limit <= 0.0 || limit * span >= least, key, limit, expected);
+        }
+    }
+
+    fn positions(&mut self, channel: &ChannelSettings) {
+        let (number, name, most) = (channel.channel, self.board.name, self.board.most_position.unwrap_or(0.0));
+        let at_1 = "link.channel.position_at_1";
+        for (key, position) in [("link.channel.position_at_0", channel.position_at_0), (at_1, channel.position_at_1)] {
+            let expected = format!("at most {most:.0} for channel {number}: a servo of {name} goes no further");
+            self.need(position <= most, key, position, expected);
+        }
+        let expected = format!("another place than position_at_0 for channel {number}: the servo would not move");
+        self.need(channel.position_at_0 != channel.position_at_1, at_1, channel.position_at_1, expected);
+    }
+
+    fn pulses(&mut self, channel: &ChannelSettings) {
         let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
-        let Ability { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *self.board;
+        let Ability { name, longest_pulse_us, .. } = *self.board;
         let at_1 = "link.channel.pulse_at_1_us";
         for (key, pulse_us) in [("link.channel.pulse_at_0_us", pulse_at_0_us), (at_1, pulse_at_1_us)] {
             let expected =
@@ -138,17 +193,6 @@ impl Check<'_> {
         }
         let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
         self.need(pulse_at_0_us != pulse_at_1_us, at_1, pulse_at_1_us, expected);
-        let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
-        let limits = [
-            ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
-            ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
-        ];
-        // A board that counts limits in units cannot keep one below a unit.
-        for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
-            let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
-            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
-            self.need(limit <= 0.0 || limit * span_us >= least, key, limit, expected);
-        }
     }
 }
 
@@ -196,6 +240,28 @@ mod tests {
             let told = slow_or_late.each_ref().map(|channel| told(&board, std::slice::from_ref(channel))).concat();
             assert!(told.starts_with(&format!("link.channel.{want}: give")) && !told.contains('\n'), "{told}");
         }
+        let served = |position_at_0, position_at_1, speed_per_s| {
+            let board = Ability::bus_servo(Kind::FeetechSts, Unit::Degrees);
+            let channel = ChannelSettings { position_at_0, position_at_1, speed_per_s, ..jaw(252) };
+            told(&board, &[channel])
+        };
+        for (channel, want) in [
+            (served(0.0, 359.9, 1.0), ""),
+            (
+                served(90.0, 361.0, 1.0),
+                "link.channel.position_at_1 = 361: give at most 360 for channel 252: a servo of",
+            ),
+            (
+                served(90.0, 90.0, 1.0),
+                "link.channel.position_at_1 = 90: give another place than position_at_0 for chan",
+            ),
+            (served(80.0, 90.0, 0.4), "link.channel.speed_per_s = 0.4: give 0 or at least 0.440 for channel 252: the"),
+        ] {
+            assert!(channel.starts_with(want) && channel.is_empty() == want.is_empty(), "{want}: {channel}");
+        }
+        let line: Vec<_> = (1..=31).map(|id| ChannelSettings { position_at_1: 100.0, ..jaw(id) }).collect();
+        let told_of_line = told(&Ability::bus_servo(Kind::DynamixelX, Unit::Steps), &line);
+        assert!(told_of_line.starts_with("link.channel = 31: give at most 30 servos on one line"), "{told_of_line}");
         let twice = "link.channel.channel = 3: give a number that no earlier channel of this board has";
         assert_eq!(told(&Ability::maestro(false), &[jaw(3), jaw(3)]), twice);
         let wide = ChannelSettings { dmx: Form::Bits16, ..jaw(3) };

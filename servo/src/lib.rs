@@ -15,6 +15,7 @@ pub mod bus;
 mod channel;
 pub mod check;
 pub mod dmx;
+pub mod finder;
 pub mod maestro;
 mod motion;
 pub mod pca9685;

@@ -10,8 +10,7 @@ use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print};
 use crate::capture::v4l2::{Camera, Found, cameras};
-use crate::config::AutoDevice;
-use crate::link::auto_device;
+use facewire_board::{AutoDevice, auto_device};
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
@@ -26,7 +25,7 @@ struct Port {
     /// The kind of link for which `device = "auto"` would choose it.
     kind: Option<&'static str>,
     #[serde(skip)]
-    is_maestro: bool,
+    board: Option<AutoDevice>,
 }
 
 pub fn run(as_json: bool) -> Result<(), Failure> {
@@ -82,21 +81,22 @@ impl Port {
         let kind = match board {
             Some(AutoDevice::Maestro) => is_first.then_some("maestro"),
             Some(AutoDevice::Microcontroller) => Some("serial"),
-            None => None,
+            // Never chosen by itself.
+            Some(AutoDevice::BusServos) | None => None,
         };
         let usb = usb.map(|usb| [usb.vid, usb.pid].map(|number| format!("{number:04x}")));
-        Self { path, name, stable_paths, usb, kind, is_maestro: board == Some(AutoDevice::Maestro) }
+        Self { path, name, stable_paths, usb, kind, board }
     }
 
     fn lines(&self) -> String {
         let mut text = format!("serial port {} ({})\n", self.path, self.name);
         text.extend(self.stable_paths.iter().map(|link| format!("  stable path {}\n", link.display())));
-        if self.is_maestro {
-            text += match self.kind {
-                Some(_) => "  takes commands: kind = \"maestro\"\n",
-                None => "  takes no commands: its first port does\n",
-            };
-        }
+        text += match (self.board, self.kind) {
+            (Some(AutoDevice::Maestro), Some(_)) => "  takes commands: kind = \"maestro\"\n",
+            (Some(AutoDevice::Maestro), None) => "  takes no commands: its first port does\n",
+            (Some(AutoDevice::BusServos), _) => "  may lead to bus servos: kind = \"bus-servo\"\n",
+            _ => "",
+        };
         text
     }
 }

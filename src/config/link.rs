@@ -3,9 +3,11 @@
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
+use facewire_board::AutoDevice;
 use facewire_face::Adjustments;
 use facewire_packet::formats::dmx::{USUAL_HZ, group};
 use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
+use facewire_servo::bus::{Kind, Unit};
 use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
 use facewire_servo::{AtLoss, ChannelSettings, Form, SOURCE_NAMES, Sources};
@@ -125,6 +127,14 @@ link_kinds! {
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
+    BusServo = "bus-servo", BusServoSettings {
+        device: SerialDevice = SerialDevice::Auto, serial_device();
+        baud: u32 = 1_000_000, whole(9_600..=4_500_000, " (1/s)");
+        family: Kind = Kind::DynamixelX, choice();
+        unit: Unit = Unit::Steps, choice();
+        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+    }
+
     Sacn = "sacn", SacnSettings {
         universe: u32 = 1, whole(0..=63_999, "");
         address: Option<Address> = None, optional_address();
@@ -174,6 +184,11 @@ choices! {
     pub enum MaestroProtocol: Compact = "compact", Pololu = "pololu"
 }
 choices! { AtLoss: Neutral = "neutral", Release = "release" }
+choices! { Unit: Steps = "steps", Degrees = "degrees" }
+choices! {
+    Kind: DynamixelX = "dynamixel-x", DynamixelAx = "dynamixel-ax", DynamixelMx = "dynamixel-mx",
+        FeetechSts = "feetech-sts", FeetechScs = "feetech-scs"
+}
 choices! { Form: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
 fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
@@ -192,6 +207,8 @@ impl Section for ChannelSettings {
             field("offset", &mut self.offset, number(-10.0..=10.0, "")),
             field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, " (microseconds)")),
             field("pulse_at_1_us", &mut self.pulse_at_1_us, whole(64..=4080, " (microseconds)")),
+            field("position_at_0", &mut self.position_at_0, number(0.0..=4095.0, "")),
+            field("position_at_1", &mut self.position_at_1, number(0.0..=4095.0, "")),
             field("neutral", &mut self.neutral, number(-1.0..=1.0, "")),
             field("speed_per_s", &mut self.speed_per_s, number(0.0..=100.0, " (1/s)")),
             field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, " (1/s²)")),
@@ -206,13 +223,6 @@ impl Section for Sources {
     fn fields(&mut self) -> Vec<Field<'_>> {
         SOURCE_NAMES.into_iter().zip(self).map(|(name, gain)| field(name, gain, number(-10.0..=10.0, ""))).collect()
     }
-}
-
-/// The kind of board for which `device = "auto"` searches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AutoDevice {
-    Microcontroller,
-    Maestro,
 }
 
 impl LinkKind {
@@ -247,6 +257,7 @@ impl LinkKind {
         match self {
             Self::Serial(SerialSettings { device, baud }) => Some((device, *baud, AutoDevice::Microcontroller)),
             Self::Maestro(MaestroSettings { device, baud, .. }) => Some((device, *baud, AutoDevice::Maestro)),
+            Self::BusServo(BusServoSettings { device, baud, .. }) => Some((device, *baud, AutoDevice::BusServos)),
             _ => None,
         }
     }
@@ -254,6 +265,7 @@ impl LinkKind {
     pub fn channels(&self) -> Option<&Vec<ChannelSettings>> {
         match self {
             Self::Maestro(MaestroSettings { channels, .. })
+            | Self::BusServo(BusServoSettings { channels, .. })
             | Self::Pca9685(Pca9685Settings { channels, .. })
             | Self::Sacn(SacnSettings { channels, .. })
             | Self::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),

@@ -69,6 +69,7 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         let mut want = LinkSettings::of(LinkKind::named(name).unwrap());
         if let LinkKind::Maestro(MaestroSettings { channels, .. })
         | LinkKind::Pca9685(Pca9685Settings { channels, .. })
+        | LinkKind::BusServo(BusServoSettings { channels, .. })
         | LinkKind::Sacn(SacnSettings { channels, .. })
         | LinkKind::ArtNet(ArtNetSettings { channels, .. }) = &mut want.kind
         {
@@ -120,7 +121,7 @@ fn a_file_with_every_kind_of_link_loads_with_the_values_that_it_gives() {
     let settings = parse("file", EVERY_KEY).unwrap();
     assert_eq!(settings.changed_keys(&Settings::default()), keys(""), "the board and every table");
     assert_eq!(settings.links.len(), LinkKind::NAMES.len());
-    let shown = [7, 8].map(|index: usize| settings.links[index].to_string());
+    let shown = [8, 9].map(|index: usize| settings.links[index].to_string());
     assert_eq!(shown, ["10.0.0.3:5568, universe 7 (6 by Art-Net)", "10.0.0.3:6454, universe 300 (301 by sACN)"]);
     let jaw = settings.links[0].adjust.coefficients[17];
     assert_eq!((jaw.gain, jaw.offset, jaw.min, jaw.max), (1.25, 0.0, 0.0, 0.9));

@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
+use facewire_board::AutoDevice;
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES};
 use facewire_packet::FRAME_BYTES;
 use facewire_packet::formats::LiveLink;
@@ -11,9 +12,9 @@ use facewire_packet::formats::dmx::MOST_HZ;
 use facewire_packet::formats::vrchat::{PARAMETERS, Parameters};
 
 use crate::config::{
-    ArtNetSettings, AutoDevice, Choice as _, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind,
-    LinkSettings, Listen, Loss, MOST_MAESTRO_BAUD, PaceKind, Pca9685Settings, SLOWEST_LINK_HZ, SacnSettings,
-    SerialDevice, Settings, VrchatSettings, quoted,
+    ArtNetSettings, Choice as _, Faults, IFacialMocapSettings, JsonSettings, JsonTarget, LinkKind, LinkSettings,
+    Listen, Loss, MOST_MAESTRO_BAUD, PaceKind, Pca9685Settings, SLOWEST_LINK_HZ, SacnSettings, SerialDevice, Settings,
+    VrchatSettings, quoted,
 };
 use facewire_servo::ChannelSettings;
 use facewire_servo::check::{Ability, Fault, faults, limited};
@@ -43,8 +44,13 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             LinkKind::Pca9685(it) => {
                 check.chip(it);
                 check.servos(&Ability::pca9685(it.period()), &it.channels);
-                let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";
-                check.need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
+                check.even();
+            }
+            LinkKind::BusServo(it) => {
+                let expected = "the path of the adapter's port, because anything may be connected to such an adapter";
+                check.need(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
+                check.servos(&Ability::bus_servo(it.family, it.unit), &it.channels);
+                check.even();
             }
             LinkKind::Sacn(SacnSettings { universe, from, channels, .. })
             | LinkKind::ArtNet(ArtNetSettings { universe, from, channels, .. }) => {
@@ -101,13 +107,14 @@ impl Check<'_> {
         let rate_hz = self.link.rate_hz(self.settings.send.rate_hz);
         let fps = if self.link.pace.pace == PaceKind::Pose { self.settings.camera.fps } else { 0 };
         let rate_hz = rate_hz.max(fps);
-        let message_bytes = match &self.link.kind {
+        let (message_bytes, share) = match &self.link.kind {
             // A command for each channel, in the longer of both protocols and with a CRC.
-            LinkKind::Maestro(it) => COMMAND_BYTES * it.channels.len().max(1),
-            _ => FRAME_BYTES,
+            LinkKind::Maestro(it) => (COMMAND_BYTES * it.channels.len().max(1), LINE_SHARE),
+            LinkKind::BusServo(it) => (it.family.family().line_bytes(it.channels.len()), 100),
+            _ => (FRAME_BYTES, LINE_SHARE),
         };
         let most_hz = |baud: u32| {
-            let packets = u64::from(baud) * LINE_SHARE / 100 / (message_bytes as u64 * BITS_PER_BYTE);
+            let packets = u64::from(baud) * share / 100 / (message_bytes as u64 * BITS_PER_BYTE);
             u32::try_from(packets).unwrap_or(u32::MAX)
         };
         if most_hz(baud) >= rate_hz {
@@ -123,7 +130,7 @@ impl Check<'_> {
             None if fastest > baud => format!("{fastest}, {}", slower(fastest)),
             None => slower(baud),
         };
-        let because = format!("{rate_hz} packets a second need more than {LINE_SHARE} % of the line at {device}");
+        let because = format!("{rate_hz} packets a second need more than {share} % of the line at {device}");
         self.faults.conflict("link.baud", baud, format!("{advice}: {because}"));
     }
 
@@ -138,6 +145,11 @@ impl Check<'_> {
         let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
         self.need(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
         self.channels(board, channels);
+    }
+
+    fn even(&mut self) {
+        let expected = "\"rate\" for these servos: their speed limits are kept by even steps";
+        self.need(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
     }
 
     fn channels(&mut self, board: &Ability, channels: &[ChannelSettings]) {
@@ -271,6 +283,8 @@ mod tests {
 
     const MAESTRO: &str = "[[link]]\nkind = \"maestro\"\n";
     const PCA9685: &str = "[[link]]\nkind = \"pca9685\"\n";
+    const BUS: &str = "[[link]]\nkind = \"bus-servo\"\ndevice = \"/dev/ttyUSB0\"\n";
+    const SERVO: &str = "[[link.channel]]\nchannel = 3\nsources = { jawOpen = 1.0 }\nposition_at_1 = 1000\n";
     const SACN: &str = "[[link]]\nkind = \"sacn\"\n";
     const ARTNET: &str = "[[link]]\nkind = \"artnet\"\n";
     const JAW: &str = "[[link.channel]]\nchannel = 3\nsources = { jawOpen = 1.0 }\n";
@@ -292,14 +306,23 @@ mod tests {
         let (acm0, by_id) = ("device = \"/dev/ttyACM0\"\n", "device = \"/dev/serial/by-id/x\"\n");
         let (artnet_port, any_port) = ("from = \"0.0.0.0:6454\"\n", "from = \"192.168.1.5:0\"\n");
         let (silent, elsewhere) = ("loss = \"silent\"\n", "address = \"10.0.0.1:6454\"\n");
-        let cases: [(&[&str], &str); 30] = [
+        let cases: [(&[&str], &str); 33] = [
             (&[MAESTRO], "link.channel = []: give at least one [[link.channel]]"),
             (&[PCA9685, &channel_16], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),
             (&[MAESTRO, &channel_16], ""),
             (&[MAESTRO, "multiple_targets = true\n", JAW, "pulse_at_1_us = 4080\n"], ""),
             (&[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"], "link.channel.pulse_at_0_us = 2600: give"),
-            (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for a PCA9685"),
+            (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for these servos"),
             (&[MAESTRO, "loss = \"silent\"\n", JAW], "link.loss = \"silent\": give \"neutral\" or \"hold\" for a"),
+            (&[BUS, SERVO], ""),
+            (
+                &[BUS, "pace = \"pose\"\n", SERVO],
+                "link.pace = another pace: give \"rate\" for these servos: their speed",
+            ),
+            (
+                &[&BUS.replace("/dev/ttyUSB0", "auto"), SERVO],
+                "link.device = \"auto\": give the path of the adapter's port",
+            ),
             (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
             (&[MAESTRO, JAW, MAESTRO, JAW], "link.device = \"auto\": give another port, or remove this link"),
             (&[SERIAL, acm0, SERIAL], "link.device = \"auto\": give the path of a port, or remove this link"),
@@ -392,6 +415,24 @@ mod tests {
         ] {
             let keys = format!("device = \"/dev/ttyS1\"\nbaud = {baud}\nrate_hz = {rate_hz}\n");
             assert_eq!(faults(&[MAESTRO, &keys, &channels(count)]), too_slow(baud, advice, "/dev/ttyS1"));
+        }
+    }
+
+    #[test]
+    fn a_line_that_bus_servos_fill_to_more_than_half_with_goals_is_refused() {
+        let servos = |count: u32| (1..=count).map(|id| SERVO.replace('3', &id.to_string())).collect::<String>();
+        for (baud, family, count, want) in [
+            // 16 goals of the X series have 222 bytes, 38.5 ms at 57,600 baud.
+            (57_600, "dynamixel-x", 16, "230400 or more, or pace = \"rate\" and rate_hz = 12"),
+            (57_600, "dynamixel-x", 3, ""),
+            (57_600, "dynamixel-x", 4, "115200 or more"),
+            (1_000_000, "dynamixel-x", 30, ""),
+            (1_000_000, "feetech-sts", 30, ""),
+            (115_200, "dynamixel-ax", 30, "230400 or more"),
+        ] {
+            let faults = faults(&[BUS, &format!("baud = {baud}\nfamily = \"{family}\"\n"), &servos(count)]);
+            let want = if want.is_empty() { String::new() } else { format!("link.baud = {baud}: give {want}") };
+            assert!(faults.starts_with(&want) && faults.is_empty() == want.is_empty(), "{want}: {faults}");
         }
     }
 

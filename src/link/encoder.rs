@@ -21,8 +21,10 @@ pub type Encoder = Box<dyn FnMut(&Packet, &Output, &mut dyn FnMut(&[u8])) + Send
 pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
     let begun = Instant::now();
     match kind {
-        // The thread of a PCA9685 takes packets, too.
-        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(|packet, _, send| send(&packet.encode())),
+        // The threads of servos take packets, too.
+        LinkKind::Udp(_) | LinkKind::Pca9685(_) | LinkKind::BusServo(_) => {
+            Box::new(|packet, _, send| send(&packet.encode()))
+        }
         LinkKind::Serial(_) => Box::new(|packet, _, send| send(&packet.encode_frame())),
         LinkKind::LiveLink(it) => {
             let mut format = LiveLink::new(&it.device_id, &it.subject, it.swap_mouth);

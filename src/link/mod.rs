@@ -7,6 +7,7 @@
 //! Limits: nothing is queued or sent again, because the next packet is newer.
 
 mod background;
+mod bus_servo;
 mod check;
 mod encoder;
 mod ifacialmocap;
@@ -23,6 +24,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
+use facewire_board::{AutoDevice, latency_remedy, root};
 pub use facewire_packet::Pose;
 
 pub use self::background::Background;
@@ -36,7 +38,7 @@ pub(crate) use self::output::towards;
 pub use self::output::{Output, Pace};
 pub use self::panel::{Panel, Traffic};
 use self::serial::PortClaim;
-pub use self::serial::{PortSearch, auto_device, lost, open_port, serial_carrier};
+pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
 use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 
@@ -107,6 +109,10 @@ impl Link {
         let mut udp = settings.kind.address().map(|address| UdpCarrier::open(&address, shared())).transpose()?;
         let device = match &settings.kind {
             LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
+            LinkKind::BusServo(it) => {
+                let servos = bus_servo::Servos { settings: it.clone(), panel: shared() };
+                Some(Background::start(settings, "fw-servos", servos, shared())?)
+            }
             LinkKind::Pca9685(it) => {
                 Some(Background::start(settings, "fw-i2c", pca9685::Chip::new(it, &panel.dials), shared())?)
             }
@@ -147,7 +153,9 @@ impl Link {
             };
             claims.push(PortClaim::acquire(&port)?);
             open_port(&port, baud, Duration::ZERO)?;
-            return Ok(format!("{} at {baud} baud", port.display()));
+            let late = latency_remedy(&root(), &port).filter(|_| auto == AutoDevice::BusServos);
+            let late = late.map(|late| format!("; {late}")).unwrap_or_default();
+            return Ok(format!("{} at {baud} baud{late}", port.display()));
         }
         // Where others listen, a service that runs already does so itself.
         Ok(settings.to_string())

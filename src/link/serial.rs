@@ -33,8 +33,8 @@ use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
+pub use self::board::PortSearch;
 use self::board::restarts_board;
-pub use self::board::{PortSearch, auto_device};
 use super::background::{Background, Device};
 use super::{LinkError, LinkErrorKind, Panel};
 use crate::config::{LinkKind, MaestroSettings, SerialDevice};
@@ -350,7 +350,7 @@ fn is_behind(unsent_bytes: u32, message_bytes: usize) -> bool {
 }
 
 /// Returns `None` for an error which only means that there was no room in time.
-fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
+pub(super) fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
     match written {
         Err(error) if !matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
             Err(error)
@@ -361,10 +361,10 @@ fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
 
 #[cfg(test)]
 mod tests {
+    use facewire_board::AutoDevice;
     use facewire_packet::FRAME_BYTES;
 
     use super::*;
-    use crate::config::AutoDevice;
     use crate::link::testing::eventually;
 
     #[test]

@@ -115,7 +115,7 @@ impl Sender {
 }
 
 /// How long a stopping service waits for its links to send their last packet.
-const LAST_PACKET: Duration = Duration::from_millis(500);
+const LAST_PACKET: Duration = Duration::from_millis(1500);
 
 /// Links in the order of their settings, and what all of them need of the other settings. A link whose format and
 /// receiver stay the same in a reload is carried over with its open port and its packet numbers. In a change that a reload

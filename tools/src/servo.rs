@@ -3,8 +3,6 @@
 //! Contract: the servo gets no pulses until the first key, and none after the end unless `--end neutral` asks for them. The
 //! terminal is restored however the command ends. A board that the service uses is refused.
 
-mod finder;
-
 use std::io::{self, IsTerminal as _, Read as _, Write as _};
 use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
@@ -18,17 +16,20 @@ use crossterm::{cursor, execute};
 use serialport::{ClearBuffer, SerialPort as _};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use self::finder::Finder;
 use crate::{Restore, stopped_by};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
-use facewire::config::{AutoDevice, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
+use facewire::config::{LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
 use facewire::link::pca9685::Bus;
 use facewire::link::{PortSearch, lost, open_port};
+use facewire_board::AutoDevice;
+use facewire_servo::finder::{Finder, Press, REACH_US};
 use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, data, speed, target};
 use facewire_servo::pca9685::CHANNELS;
 
 /// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
 const RESEND_PERIOD: Duration = Duration::from_millis(200);
+/// Number of steps by which the keys up and down move.
+const LARGE: f32 = 5.0;
 /// How long a Maestro has for its answer.
 const PATIENCE: Duration = Duration::from_millis(500);
 /// Speed of the servo, microseconds of the pulse per second: a large step takes a few hundredths of a second.
@@ -117,7 +118,7 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
     }
     let stop = stopped_by(&[SIGINT, SIGTERM, SIGHUP])?;
     let mut set_pulse = open(&kind, args.channel)?;
-    let mut finder = Finder::new(args.start, args.step);
+    let mut finder = Finder::new(args.start.into(), args.step.into(), REACH_US, false);
     let mut move_by_keys = || -> Result<(), Failure> {
         let _restore = Restore(|| execute!(io::stdout(), Print("\r\n"), cursor::Show).and(disable_raw_mode()));
         enable_raw_mode().and_then(|()| execute!(io::stdout(), cursor::Hide)).map_err(gone)?;
@@ -128,14 +129,14 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
             write(&format!("\r{}", finder.status()))?;
             match key()? {
                 Some(key) if is_end(key) => break,
-                key => drop(key.map(|key| finder.press(key.code))),
+                key => key.and_then(|key| press(key.code)).into_iter().for_each(|press| finder.press(press)),
             }
-            set_pulse(finder.pulse_us())?;
+            set_pulse(finder.place())?;
         }
         Ok(())
     };
     let moved = move_by_keys();
-    let rest = finder.neutral_us().filter(|_| args.end == End::Neutral);
+    let rest = finder.neutral().filter(|_| args.end == End::Neutral);
     let ended = set_pulse(rest);
     moved.and(ended)?;
     print(&finder.lines(args.channel))
@@ -197,6 +198,20 @@ fn key() -> Result<Option<KeyEvent>, Failure> {
         Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(None),
         Err(error) => Err(gone(error)),
     }
+}
+
+fn press(key: KeyCode) -> Option<Press> {
+    Some(match key {
+        KeyCode::Left => Press::Move(-1.0),
+        KeyCode::Right => Press::Move(1.0),
+        KeyCode::Down => Press::Move(-LARGE),
+        KeyCode::Up => Press::Move(LARGE),
+        KeyCode::Char('0') => Press::End(0),
+        KeyCode::Char('1') => Press::End(1),
+        KeyCode::Char('n') => Press::Neutral,
+        KeyCode::Char(' ') => Press::Toggle,
+        _ => return None,
+    })
 }
 
 fn is_end(key: KeyEvent) -> bool {

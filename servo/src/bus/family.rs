@@ -103,7 +103,8 @@ pub struct Family {
 const VOLTAGE: Option<&str> =
     Some("its supply voltage is beyond its limits: check the supply, and give power at several places of a long line");
 const HEAT: Option<&str> = Some("it is too hot: cut its power, let it cool, and check that nothing holds it");
-const ENCODER: Option<&str> = Some("its position sensor fails: cut its power for a moment, and replace it if this comes back");
+const ENCODER: Option<&str> =
+    Some("its position sensor fails: cut its power for a moment, and replace it if this comes back");
 const SHOCK: Option<&str> = Some("its current is too high: cut its power, and check its cable and its motor");
 const OVERLOAD: Option<&str> =
     Some("it is overloaded: cut its power for a moment, and check its ends, and that nothing holds it");
@@ -278,12 +279,14 @@ impl Family {
         self.parts.iter().map(|(_, width)| usize::from(*width)).sum()
     }
 
-    /// The length of a message that moves so many servos, and of the longest question with its answer.
+    /// How many bytes the line must carry for a message to so many servos: goals may take half of the time until the next
+    /// message, and leave room for a question and its answer.
     #[must_use]
-    pub fn message_bytes(&self, servos: usize) -> [usize; 2] {
-        let longest = self.blocks.iter().skip(1).map(|Block(_, length)| usize::from(*length)).max().unwrap_or(0);
-        let overhead = if self.protocol == Protocol::One { [8, 8 + 6] } else { [14, 14 + 11] };
-        [overhead[0] + servos * (1 + self.goal_bytes()), overhead[1] + longest]
+    pub fn line_bytes(&self, servos: usize) -> usize {
+        let answer = self.blocks.iter().skip(1).map(|Block(_, length)| usize::from(*length)).max().unwrap_or(0);
+        let (goals, question) = if self.protocol == Protocol::One { (8, 8 + 6) } else { (14, 14 + 11) };
+        let goals = goals + servos * (1 + self.goal_bytes());
+        (2 * goals).max(goals + question + answer)
     }
 
     /// Moves a servo with these registers.
@@ -324,6 +327,12 @@ impl Family {
         if self.fine_speed.is_some_and(is_fine) { self.steps_per_s / 50.0 } else { self.steps_per_s }
     }
 
+    /// The least limits of speed and acceleration that a servo keeps, steps a second and a second².
+    #[must_use]
+    pub fn least_limits(&self) -> [f32; 2] {
+        [self.steps_per_s, self.steps_per_s2]
+    }
+
     /// The lowest and the highest position that the servo allows, and that the family has.
     fn limits(&self, registers: &Registers) -> [u32; 2] {
         let [least, most] = self.limits.map(|field| self.get(registers, field));
@@ -351,11 +360,15 @@ impl Family {
             return Some(format!("{remedy}, with the maker's program"));
         }
         if least >= most {
-            return Some(format!("its limits are {least} and {most}: set it to position control, with the maker's program"));
+            return Some(format!(
+                "its limits are {least} and {most}: set it to position control, with the maker's program"
+            ));
         }
         let is_beyond = |end: &&f32| **end < least as f32 || **end > most as f32;
         let end = ends.iter().find(is_beyond)?;
-        Some(format!("an end is at {end:.0} steps, but the servo allows {least} to {most}: change the end, or its limits"))
+        Some(format!(
+            "an end is at {end:.0} steps, but the servo allows {least} to {most}: change the end, or its limits"
+        ))
     }
 
     /// The bits of its alarms.
@@ -379,7 +392,9 @@ impl Family {
             return Some(format!("its supply has {volts:.1} V: check the supply, and the cables for thin wires"));
         }
         if hottest > 0 && celsius + 5 >= hottest {
-            return Some(format!("it has {celsius} °C of {hottest} °C at most: give it less to hold, or loss = \"release\""));
+            return Some(format!(
+                "it has {celsius} °C of {hottest} °C at most: give it less to hold, or loss = \"release\""
+            ));
         }
         (load >= 900).then(|| "it pushes with all its force: check its ends, and that nothing holds it".to_owned())
     }

@@ -270,7 +270,11 @@ impl Simulator {
         let parameters = if self.manual.is_two { unstuffed(&frame[4..]) } else { frame[3..].to_vec() };
         match instruction {
             0x02 => {
-                let block = if self.manual.is_two { words(&parameters) } else { vec![parameters[0].into(), parameters[1].into()] };
+                let block = if self.manual.is_two {
+                    words(&parameters)
+                } else {
+                    vec![parameters[0].into(), parameters[1].into()]
+                };
                 self.answer(id, block[0], block[1], now);
             }
             0x83 => {

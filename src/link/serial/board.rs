@@ -11,52 +11,23 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use facewire_board::{AutoDevice, Numbers, auto_device, restarts};
 use serialport::{SerialPortType, available_ports};
 
-use crate::config::{AutoDevice, SerialDevice};
+use crate::config::SerialDevice;
 use crate::link::{LinkError, LinkErrorKind};
 
 /// Links to the serial ports of USB devices, with names that stay with the device.
 const LINKS: &str = "/dev/serial/by-id";
-/// Vendors of boards: Arduino (two numbers), Adafruit, Raspberry Pi, Espressif, SparkFun, Seeed, Pololu.
-/// `systemd/99-facewire.rules` has the same numbers.
-const VENDORS: [u16; 8] = [0x2341, 0x2a03, 0x239a, 0x2e8a, 0x303a, 0x1b4f, 0x2886, 0x1ffb];
-/// Teensy, whose vendor number belongs to many makers. The ports of its boards have products that begin with 048.
-const TEENSY: (u16, u16) = (0x16c0, 0x048);
-/// Raspberry Pi's debug probes. Anything may be connected to their serial line.
-/// Source: <https://github.com/raspberrypi/usb-pid>
-const PROBES: [Numbers; 2] = [(0x2e8a, 0x0004), (0x2e8a, 0x000c)];
-/// Pololu's Maestros: the Micro Maestro 6 and the Mini Maestros 12, 18 and 24. They would take packets for commands, so a
-/// link for packets never chooses them. Their first port is the one for commands.
-/// Source: the udev rules and the source of Pololu's Maestro software for Linux.
-const MAESTROS: [Numbers; 4] = [(0x1ffb, 0x0089), (0x1ffb, 0x008a), (0x1ffb, 0x008b), (0x1ffb, 0x008c)];
-/// Arduinos whose serial chip is a microcontroller that uses the driver of modems (`ttyACM`): vendors, and the products of
-/// Uno, Uno Mini, Mega and Mega ADK.
-/// Source: `boards.txt` of <https://github.com/arduino/ArduinoCore-avr>
-const ARDUINO_VENDORS: [u16; 2] = [0x2341, 0x2a03];
-const ARDUINOS: [u16; 11] = [0x01, 0x43, 0x243, 0x6a, 0x62, 0x10, 0x42, 0x210, 0x242, 0x3f, 0x44];
-/// Serial chips of WCH, such as the CH343, that use the driver of modems.
-const MODEM_CHIPS: [Numbers; 2] = [(0x1a86, 0x55d3), (0x1a86, 0x55d4)];
 /// How long another board does not take the place of the chosen one: a board whose servos draw too much current is away
 /// for some seconds.
 const REPLACE_AFTER: Duration = Duration::from_secs(30);
-
-/// The numbers of a USB device: vendor and product.
-pub type Numbers = (u16, u16);
 
 /// Whether opening this port restarts the board behind it, if DTR was low.
 pub fn restarts_board(device: &Path) -> bool {
     let node = device.canonicalize().unwrap_or_default();
     let found = usb_ports().find(|(port, _)| *port == node);
     restarts(&node, found.map(|(_, numbers)| numbers).unwrap_or_default())
-}
-
-/// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
-/// Whether the DTR of such a chip is connected is not known, so any board behind one counts. A board at another port
-/// restarts only if the lists above contain it.
-fn restarts(node: &Path, (vendor, product): Numbers) -> bool {
-    let is_arduino = ARDUINO_VENDORS.contains(&vendor) && ARDUINOS.contains(&product);
-    is_arduino || node.to_string_lossy().contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
 
 pub struct PortSearch {
@@ -157,17 +128,6 @@ fn sorted(mut ports: Vec<(PathBuf, Numbers)>, wanted: AutoDevice) -> [Vec<PathBu
     [boards, others].map(|ports| ports.into_iter().map(|(path, _)| path).collect())
 }
 
-/// Which kind of board this device is, if it is one.
-pub fn auto_device(numbers: Numbers) -> Option<AutoDevice> {
-    let (vendor, product) = numbers;
-    let is_board = VENDORS.contains(&vendor) && !PROBES.contains(&numbers) || (vendor, product >> 4) == TEENSY;
-    if MAESTROS.contains(&numbers) {
-        Some(AutoDevice::Maestro)
-    } else {
-        is_board.then_some(AutoDevice::Microcontroller)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use AutoDevice::{Maestro, Microcontroller};
@@ -218,34 +178,5 @@ mod tests {
         let away = [days_later, days_later + REPLACE_AFTER / 2].map(|now| find(&[other], now).unwrap_err());
         assert!(away[1].message.contains("waits for Head-if00"), "{away:?}");
         assert_eq!(find(&[other], days_later + REPLACE_AFTER), Ok("Other-if00".into()));
-    }
-
-    #[test]
-    fn boards_with_a_serial_chip_restart_and_boards_with_their_own_usb_uarts_and_maestros_do_not() {
-        for (node, numbers, want) in [
-            ("ttyUSB12", (0x10c4, 0xea60), true),
-            ("ttyCH341USB0", (0x1a86, 0x7523), true),
-            ("ttyACM1", (0x2341, 0x0001), true),
-            ("ttyACM2", (0x2a03, 0x0042), true),
-            ("ttyACM3", (0x1a86, 0x55d4), true),
-            ("ttyACM4", (0x2341, 0x8036), false),
-            ("ttyACM5", (0x2e8a, 0x000a), false),
-            ("ttyACM6", (0x1ffb, 0x0089), false),
-            ("ttyACM7", (0x1b4f, 0x0043), false),
-            ("ttyAMA0", (0, 0), false),
-        ] {
-            assert_eq!(restarts(&Path::new("/dev").join(node), numbers), want, "{node} {numbers:x?}");
-        }
-    }
-
-    #[test]
-    fn the_udev_rules_name_the_same_makers() {
-        let rules = include_str!("../../../systemd/99-facewire.rules");
-        let vendors = VENDORS.map(|vendor| format!("{vendor:04x}")).join("|");
-        assert!(rules.contains(&format!("ATTRS{{idVendor}}==\"{vendors}\",")));
-        let (vendor, products) = TEENSY;
-        assert!(
-            rules.contains(&format!("ATTRS{{idVendor}}==\"{vendor:04x}\", ATTRS{{idProduct}}==\"{products:03x}?\""))
-        );
     }
 }

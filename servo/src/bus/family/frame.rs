@@ -57,13 +57,7 @@ impl Protocol {
         }
     }
 
-    fn write(
-        self,
-        id: u8,
-        instruction: Instruction,
-        parameters: impl IntoIterator<Item = u8>,
-        out: &mut Vec<u8>,
-    ) {
+    fn write(self, id: u8, instruction: Instruction, parameters: impl IntoIterator<Item = u8>, out: &mut Vec<u8>) {
         let begin = out.len();
         let contents = [instruction as u8].into_iter().chain(parameters);
         if self == Self::One {

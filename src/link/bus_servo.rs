@@ -1,0 +1,109 @@
+//! Bus servos on a serial line.
+//!
+//! Role: for each packet of the link, the thread of the line takes what servos have answered, and writes one message.
+//! Contract: whoever closes the line brings its servos to rest, for a second at most, and takes their torque.
+//! Limits: if the process is killed, `facewire rest` takes their torque. Servos of a line that is unplugged keep it.
+
+use std::io::{self, Read as _, Write as _};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use facewire_board::{AutoDevice, latency_remedy, root};
+use facewire_packet::{Packet, Reason};
+use facewire_servo::bus::Line;
+use serialport::{SerialPort as _, TTYPort};
+
+use super::background::Device;
+use super::serial::{PortClaim, PortSearch, in_time, lost, open_port};
+use super::{LinkError, Panel};
+use crate::config::BusServoSettings;
+use crate::retry::LoggedReasons;
+
+/// The longest message of 30 servos at the usual 1,000,000 baud takes 4 ms.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(10);
+const LONGEST_WAY_TO_REST: Duration = Duration::from_secs(1);
+const STEP: Duration = Duration::from_millis(20);
+
+pub struct Servos {
+    pub settings: BusServoSettings,
+    pub panel: Arc<Panel>,
+}
+
+pub struct Port {
+    device: PathBuf,
+    tty: TTYPort,
+    line: Line,
+    message: Vec<u8>,
+    told: String,
+    logged: LoggedReasons,
+    panel: Arc<Panel>,
+    _claim: PortClaim,
+}
+
+impl Device for Servos {
+    type Open = Port;
+
+    fn open(&mut self) -> Result<Port, LinkError> {
+        let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
+        let device = PortSearch::new(device, AutoDevice::BusServos).find()?;
+        let (_claim, tty) = (PortClaim::acquire(&device)?, open_port(&device, *baud, WRITE_TIMEOUT)?);
+        tracing::info!("link opened: {} at {baud} baud", device.display());
+        let late = latency_remedy(&root(), &device);
+        late.iter().for_each(|late| tracing::warn!("link {}: {late}", device.display()));
+        let line = Line::new(*family, *unit, *baud, channels, &self.panel.dials);
+        let (message, told, logged, panel) =
+            (Vec::new(), String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
+        Ok(Port { device, tty, line, message, told, logged, panel, _claim })
+    }
+
+    fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
+        let Ok(packet) = Packet::decode(message) else { return Ok(false) };
+        // The way to rest is gone when the port is closed, too.
+        let is_made = port.step(&Packet { reason: Reason::None, ..packet });
+        port.tell();
+        is_made.map_err(|error| lost(&port.device, error))
+    }
+}
+
+impl Port {
+    /// Moves the servos on, unless the line still carries the last message.
+    fn step(&mut self, packet: &Packet) -> io::Result<bool> {
+        let mut input = [0; 1024];
+        let waiting = input.get_mut(..(self.tty.bytes_to_read()? as usize).min(1024)).unwrap_or_default();
+        self.tty.read_exact(waiting)?;
+        self.message.clear();
+        let is_made = self.line.step(packet, waiting, Instant::now(), &mut self.message);
+        Ok(is_made && in_time(self.tty.write(&self.message))? == Some(self.message.len()))
+    }
+
+    fn tell(&mut self) {
+        let troubles = self.line.troubles();
+        if troubles == self.told {
+            return;
+        }
+        self.panel.note(Some(troubles.as_str()).filter(|troubles| !troubles.is_empty()));
+        for trouble in troubles.lines() {
+            if !self.told.contains(trouble) && self.logged.is_new(trouble) {
+                tracing::warn!("link {}: {trouble}", self.device.display());
+            }
+        }
+        self.told = troubles;
+    }
+}
+
+impl Drop for Port {
+    fn drop(&mut self) {
+        let end = Instant::now() + LONGEST_WAY_TO_REST;
+        while !self.line.is_at_rest() && Instant::now() < end {
+            if self.step(&Packet::NEUTRAL).is_err() {
+                return;
+            }
+            thread::sleep(STEP);
+        }
+        self.message.clear();
+        self.line.release(&mut self.message);
+        let _ = self.tty.write(&self.message);
+    }
+}

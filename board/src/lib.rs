@@ -12,6 +12,7 @@ mod impairment;
 mod machine;
 mod network;
 mod ports;
+mod refusal;
 mod sensors;
 
 use std::path::PathBuf;
@@ -20,6 +21,7 @@ pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
 pub use self::network::{machine_id, name_server_remedy};
 pub use self::ports::{AutoDevice, Numbers, auto_device, latency_remedy, restarts};
+pub use self::refusal::{i2c_refusal, serial_refusal};
 pub use self::sensors::{HardwareSettings, Sensors};
 
 const POLL_US: u64 = 2_000_000;

@@ -17,7 +17,7 @@ use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
 use crate::config::{self, Faults, Settings};
-use crate::link::check_settings;
+use crate::link::{Link, check_settings};
 use crate::service;
 use facewire_board::{self as board, Machine};
 use facewire_packet::control::sockets;
@@ -77,6 +77,8 @@ enum Command {
         #[arg(long)]
         settings_only: bool,
     },
+    /// Take torque and pulses from bus servos and servos of a PCA9685, which keep them when the service is killed.
+    Rest(SettingsArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]
     Devices {
@@ -156,6 +158,11 @@ impl Command {
             }
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check { settings, settings_only } => check::run(&settings, settings_only),
+            Self::Rest(arguments) => arguments.load()?.links.iter().try_for_each(|link| match Link::rest(link) {
+                Some(Ok(())) => print(&format!("{link}: released\n")),
+                Some(Err(error)) => print(&format!("{error}\n")),
+                None => Ok(()),
+            }),
             Self::Devices { json } => devices::run(json),
             Self::Defaults { schema: true, .. } => print(&format!("{}\n", config::schema())),
             Self::Defaults { link, .. } => {

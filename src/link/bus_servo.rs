@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use facewire_board::{AutoDevice, latency_remedy, root};
 use facewire_packet::{Packet, Reason};
-use facewire_servo::bus::Line;
+use facewire_servo::bus::{Line, release};
 use serialport::{SerialPort as _, TTYPort};
 
 use super::background::Device;
@@ -65,6 +65,16 @@ impl Device for Servos {
         port.tell();
         is_made.map_err(|error| lost(&port.device, error))
     }
+}
+
+/// Takes the torque from servos that no link moves.
+pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
+    let device = PortSearch::new(&settings.device, AutoDevice::BusServos).find()?;
+    let (mut tty, mut message) = (open_port(&device, settings.baud, WRITE_TIMEOUT)?, Vec::new());
+    let ids = settings.channels.iter().map(|channel| channel.channel as u8);
+    // The first one may complete a message that was cut off.
+    (0..2).for_each(|_| release(settings.family.family(), ids.clone(), &mut message));
+    tty.write_all(&message).map_err(|error| lost(&device, error))
 }
 
 impl Port {

@@ -40,7 +40,7 @@ pub use self::panel::{Panel, Traffic};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
+use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings, Pca9685Settings};
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -164,6 +164,19 @@ impl Link {
     /// Returns an error if the link leads to a host name that does not resolve at this moment.
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
         settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
+    }
+
+    /// Takes torque and pulses from servos that hold what they were told last, if no other program has their device.
+    pub fn rest(settings: &LinkSettings) -> Option<Result<(), LinkError>> {
+        let end_pulses = |it: &Pca9685Settings| {
+            let mut bus = pca9685::Bus::open(it)?;
+            it.channels.iter().try_for_each(|channel| bus.set_pulse(channel.channel as u8, None))
+        };
+        match &settings.kind {
+            LinkKind::BusServo(it) => Some(bus_servo::rest(it)),
+            LinkKind::Pca9685(it) => Some(end_pulses(it)),
+            _ => None,
+        }
     }
 
     /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may differ from those of the last call in everything but the kind.

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use facewire_board::i2c_refusal;
 use facewire_packet::Packet;
 use facewire_servo::pca9685::{Period, Registers, Servos};
 use facewire_servo::{Board, Dials};
@@ -29,30 +30,9 @@ const CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 fn refused(name: impl Display, error: impl Into<io::Error>) -> LinkError {
     let error = error.into();
-    let sentence = match error.raw_os_error().map(Errno::from_raw_os_error) {
-        Some(Errno::NOENT) => {
-            "there is no /dev/i2c bus of this number; switch I2C on, run `modprobe i2c-dev`, or give a number that \
-             `ls /dev/i2c-*` shows"
-        }
-        Some(Errno::ACCESS) => "this user may not open the bus; add the user to the group i2c and log in again",
-        Some(Errno::PERM) => {
-            "the rules of the service's unit or of the container exclude I2C buses; install the unit's drop-in i2c.conf \
-             (docs/service.md, \"What the service may access\")"
-        }
-        Some(Errno::BUSY) => {
-            "a driver of the kernel has the chip; remove its overlay from the system's settings, and restart"
-        }
-        // Adapters report an address that nobody acknowledges in these ways.
-        Some(Errno::NXIO | Errno::REMOTEIO | Errno::NODEV | Errno::IO) => {
-            "no chip answers; check its power, the wires SDA, SCL and ground, and its address with `i2cdetect -y`"
-        }
-        Some(Errno::TIMEDOUT | Errno::AGAIN) => {
-            "the bus hangs; check that SDA and SCL are not connected to ground or to each other, and cut the board's \
-             power for a moment"
-        }
-        _ => &format!("{error}; check the wires and the power of the board"),
-    };
-    LinkError::new(LinkErrorKind::Other, name, sentence)
+    let sentence = error.raw_os_error().and_then(|error| i2c_refusal(Errno::from_raw_os_error(error)));
+    let other = || format!("{error}; check the wires and the power of the board");
+    LinkError::new(LinkErrorKind::Other, name, sentence.map_or_else(other, str::to_owned))
 }
 
 /// One chip on a bus of Linux, `/dev/i2c-N`.

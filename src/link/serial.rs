@@ -26,6 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use facewire_board::serial_refusal;
 use facewire_servo::Channel;
 use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, errors};
 use rustix::fs::{Mode, OFlags};
@@ -60,24 +61,10 @@ fn failed(device: &Path, how: &str, error: impl Display) -> LinkError {
 }
 
 fn refused(device: &Path, error: Errno) -> LinkError {
-    let sentence = match error {
-        Errno::NOENT | Errno::NOTDIR | Errno::NODEV | Errno::NXIO => {
-            "there is no such serial port; plug it in, or give one that `facewire devices` lists"
-        }
-        Errno::ACCESS => "this user may not open it; add the user to the group dialout and log in again",
-        // The permissions of files are refused with EACCES, the device rules of a unit or a container with EPERM.
-        Errno::PERM => {
-            "the rules of the service's unit or of the container exclude this device; add DeviceAllow= for its driver to \
-             the unit (docs/service.md, \"What the service may access\")"
-        }
-        Errno::BUSY => {
-            "another program has it open; end that program (the service: `sudo systemctl stop facewire`), or give \
-             another port"
-        }
-        Errno::NOTTY | Errno::ISDIR | Errno::INVAL => "not a serial port; give one that `facewire devices` lists",
-        other => return failed(device, CANNOT_BE_OPENED, io::Error::from(other)),
-    };
-    LinkError::new(LinkErrorKind::Other, device.display(), sentence)
+    serial_refusal(error).map_or_else(
+        || failed(device, CANNOT_BE_OPENED, io::Error::from(error)),
+        |sentence| LinkError::new(LinkErrorKind::Other, device.display(), sentence),
+    )
 }
 
 /// The claimed devices by their device numbers, and the path of the link that claimed each.

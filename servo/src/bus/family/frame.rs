@@ -104,7 +104,7 @@ fn checksum(bytes: &[u8]) -> u8 {
 
 fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc: u16, _| crc << 1 ^ (crc >> 15) * CRC_POLYNOMIAL)
+        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc: u16, _| (crc << 1) ^ ((crc >> 15) * CRC_POLYNOMIAL))
     })
 }
 

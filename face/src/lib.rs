@@ -9,7 +9,7 @@
 //!
 //! [`Tracker`] follows a face from one [`Picture`] to the next and finds its [`Landmarks`]; [`Solver`] turns them into a
 //! [`Solution`]. Neither allocates after it was made, reads a clock or writes a log. Only loading networks and models reads
-//! files. `examples/one_picture.rs` shows the whole way.
+//! files. The crate `facewire-library` puts both behind one type, with examples.
 
 mod infer;
 pub mod model;

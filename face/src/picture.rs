@@ -27,6 +27,8 @@ pub enum Pixels<'a> {
     Planar { planes: [&'a [u8]; 3], strides: [usize; 2], chroma_shift: [u8; 2] },
     /// Luma only.
     Grey { data: &'a [u8], stride: usize },
+    /// Pixels of `step` bytes, with red, green and blue at these places: `[0, 1, 2]` is RGB, `[2, 1, 0]` BGR.
+    Packed { data: &'a [u8], stride: usize, step: usize, rgb: [usize; 3] },
 }
 
 impl<'a> Picture<'a> {
@@ -43,6 +45,10 @@ impl Pixels<'_> {
         match *self {
             Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),
             Self::Grey { data, stride } => holds(data, stride, [width, height]),
+            Self::Packed { data, stride, step, rgb } => {
+                rgb.iter().all(|at| *at < step)
+                    && step.checked_mul(width).is_some_and(|row| holds(data, stride, [row, height]))
+            }
             Self::Nv12 { luma, chroma, stride } => {
                 let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
                 holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
@@ -80,6 +86,7 @@ mod tests {
         let (grey, yuyv) =
             (|data, stride| Pixels::Grey { data, stride }, |stride| Pixels::Yuyv { data: &DATA, stride });
         let nv12 = |chroma| Pixels::Nv12 { luma: &DATA, chroma, stride: 4 };
+        let packed = |step, red| Pixels::Packed { data: &DATA, stride: 22, step, rgb: [red, 1, 0] };
         let planar = |cr, chroma_shift| Pixels::Planar { planes: [&DATA, &DATA, cr], strides: [5, 3], chroma_shift };
         let cases = [
             (true, [5, 4], grey(&DATA[..29], 8)),
@@ -90,6 +97,10 @@ mod tests {
             (false, [5, 4], grey(&DATA, usize::MAX)),
             (true, [3, 2], yuyv(8)),
             (false, [3, 2], yuyv(7)),
+            (true, [5, 3], packed(4, 3)),
+            (false, [5, 3], packed(4, 4)),
+            (false, [5, 3], packed(5, 0)),
+            (false, [5, 3], packed(usize::MAX / 2, 0)),
             (true, [3, 3], nv12(&DATA[..8])),
             (false, [3, 3], nv12(&DATA[..7])),
             (true, [5, 3], planar(&DATA[..6], [1, 1])),

@@ -99,6 +99,7 @@ pub fn hash(picture: &Picture<'_>) -> u64 {
     let &Picture { width, height, pixels, .. } = picture;
     match pixels {
         Pixels::Grey { data, stride } => rows(data, stride, [width, height]),
+        Pixels::Packed { data, stride, step, .. } => rows(data, stride, [step * width, height]),
         Pixels::Yuyv { data, stride } => rows(data, stride, [4 * width.div_ceil(2), height]),
         Pixels::Nv12 { luma, chroma, stride } => {
             rows(luma, stride, [width, height]);

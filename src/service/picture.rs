@@ -83,6 +83,8 @@ fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
             rows(data, stride, 4 * half_width, height);
             PictureFormat::Yuyv
         }
+        // No camera gives these.
+        Pixels::Packed { .. } => PictureFormat::Grey,
         Pixels::Grey { data, stride } => {
             rows(data, stride, width, height);
             PictureFormat::Grey

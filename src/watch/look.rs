@@ -110,6 +110,8 @@ fn sample(picture: &Picture, point: [f32; 2]) -> Option<[u8; 2]> {
         Pixels::Nv12 { luma: plane, stride, .. }
         | Pixels::Planar { planes: [plane, ..], strides: [stride, _], .. }
         | Pixels::Grey { data: plane, stride } => (plane, stride, 1),
+        // Green is near to luma.
+        Pixels::Packed { data, stride, step, rgb } => (data.get(rgb[1]..)?, stride, step),
     };
     if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], point) {
         return None;

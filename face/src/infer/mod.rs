@@ -24,7 +24,7 @@ const EXTENSION: &str = "fwnet";
 /// Why a network cannot be loaded or run: a sentence that names the file or the network, and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub struct InferError(String);
+pub struct InferError(pub String);
 
 impl InferError {
     fn unreadable(path: &Path, error: &io::Error) -> Self {

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use facewire_engine::kernels::convert::{Factors, GROUP, NO_COLOUR, Samples, convert};
+use facewire_engine::kernels::convert::{Factors, GROUP, NO_COLOUR, Samples, convert, unpack};
 use facewire_engine::kernels::sample::{Line, Pixel, sample};
 
 use crate::picture::{Picture, Pixels};
@@ -46,6 +46,10 @@ impl<'a> Planes<'a> {
                 [get(luma, y * strides[0] + x), get(cb, at), get(cr, at)]
             }
             Pixels::Grey { data, stride } => [get(data, y * stride + x), NO_COLOUR, NO_COLOUR],
+            Pixels::Packed { data, stride, step, rgb } => {
+                let [red, green, blue] = rgb.map(|at| i16::from(get(data, y * stride + x * step + at)));
+                return [red, green, blue, 0];
+            }
         };
         self.factors.pixel(samples)
     }
@@ -60,9 +64,13 @@ impl<'a> Planes<'a> {
         let (within, after) = rest.split_at_mut(inside.min(rest.len()));
         self.convert_each([x, y], before);
         self.convert_each([inside_x.saturating_add(signed(within.len() * GROUP)), y], after);
-        match self.row([inside_x, y]) {
-            Some(samples) => convert(self.factors, &samples, within),
-            None => self.convert_each([inside_x, y], within),
+        match (self.row([inside_x, y]), self.pixels) {
+            (Some(samples), _) => convert(self.factors, &samples, within),
+            (None, Pixels::Packed { data, stride, step, rgb }) if !within.is_empty() => {
+                let at = y.unsigned_abs() as usize * stride + inside_x.unsigned_abs() as usize * step;
+                unpack(data.get(at..).unwrap_or_default(), step, rgb, within);
+            }
+            (None, _) => self.convert_each([inside_x, y], within),
         }
     }
 
@@ -85,7 +93,7 @@ impl<'a> Planes<'a> {
                 let at = (y >> down) * strides[1] + x / 2;
                 Some(Samples::Planar([luma.get(y * strides[0] + x..)?, cb.get(at..)?, cr.get(at..)?]))
             }
-            Pixels::Planar { .. } => None,
+            Pixels::Planar { .. } | Pixels::Packed { .. } => None,
             Pixels::Grey { data, stride } => data.get(y * stride + x..).map(Samples::Grey),
         }
     }

@@ -163,7 +163,11 @@ mod tests {
         let pad = random.usize(..20);
         let plane = |from: usize, row: usize, rows: usize| &data[from..from + (row + pad) * (rows - 1) + row];
         let ([half_width, half_height], stride) = ([width, height].map(|size| size.div_ceil(2)), width + pad);
-        match random.u8(..8) {
+        match random.u8(..10) {
+            8 | 9 => {
+                let (step, rgb) = [(3, [0, 1, 2]), (3, [2, 1, 0]), (4, [2, 1, 0]), (5, [1, 4, 2])][random.usize(..4)];
+                Pixels::Packed { data: plane(5, step * width, height), stride: step * width + pad, step, rgb }
+            }
             0 | 1 => Pixels::Yuyv { data: plane(0, 4 * half_width, height), stride: 4 * half_width + pad },
             2 | 3 => {
                 let (luma, chroma) = (plane(0, 2 * half_width, height), plane(7, 2 * half_width, half_height));
@@ -187,7 +191,7 @@ mod tests {
         plain.groups = Box::default();
         for round in 0..200 {
             let size = [random.usize(1..150), random.usize(1..150)];
-            let data: Vec<u8> = (0..60_000).map(|_| random.u8(..)).collect();
+            let data: Vec<u8> = (0..120_000).map(|_| random.u8(..)).collect();
             let pixels = pixels(&mut random, size, &data);
             let picture = Picture::new(size[0], size[1], pixels, random.bool()).expect("a whole picture");
             let (far, large) = ([40.0, 200.0, 1e5][random.usize(..3)], [100.0, 700.0, 5000.0, 1e6][random.usize(..4)]);

@@ -39,14 +39,17 @@ impl Detector {
         Ok(Self { network: engine.load(&SIGNATURE)?, block: Block::default() })
     }
 
-    /// Returns the region of interest around the face with the highest score. Returns `None` if there is no face.
-    pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
+    /// Returns the region of interest around the face with the highest score that is not among the `known` ones, or `None`
+    /// if there is no face.
+    pub fn find(&mut self, picture: &Picture, known: &[FaceBox]) -> Result<Option<FaceBox>, InferError> {
         let [width, height] = [picture.width as f32, picture.height as f32];
         let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
         crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
         self.network.run()?;
-        let face = strongest(candidates(self.network.output(0), self.network.output(1)));
-        Ok(face.and_then(|face| face.region(&view.mapping())))
+        let region = |candidate: &Candidate| candidate.region(&view.mapping());
+        let is_known = |new: &Candidate| known.iter().any(|face| region(new).is_some_and(|new| face.is_same(&new)));
+        let all = candidates(self.network.output(0), self.network.output(1));
+        Ok(strongest(all.filter(|candidate| !is_known(candidate))).and_then(|face| region(&face)))
     }
 }
 

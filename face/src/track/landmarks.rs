@@ -112,6 +112,12 @@ impl FaceBox {
         Self::around(bounds(landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y])), eyes)
     }
 
+    /// Whether the centre of the other region lies in the face, so that both show the same one.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let half = 0.5 * self.size / MARGIN;
+        self.centre.iter().zip(other.centre).all(|(one, other)| (one - other).abs() < half)
+    }
+
     /// The map from the region to the picture.
     pub fn mapping(&self) -> Mapping {
         let (sin, cos) = self.angle_rad.sin_cos();

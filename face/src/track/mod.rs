@@ -37,7 +37,7 @@ impl Tracker {
     /// Returns the region to search: around the landmarks of the previous picture, or where the detector finds a face.
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
-            self.region = self.detector.find(picture)?;
+            self.region = self.detector.find(picture, &[])?;
             self.mesh.begin();
         }
         Ok(self.region)

@@ -104,6 +104,29 @@ fn available() -> impl Iterator<Item = Converter> {
     all.into_iter().flatten()
 }
 
+/// Copies red, green and blue out of pixels of `step` bytes, in which they are at the places `rgb`. A pixel that `row` does not
+/// hold remains as it is.
+pub fn unpack(row: &[u8], step: usize, rgb: [usize; 3], output: &mut [[Pixel; GROUP]]) {
+    // The compiler makes code of its own for the usual formats.
+    match (step, rgb) {
+        (3, [0, 1, 2]) => unpack_each(row, 3, [0, 1, 2], output),
+        (3, [2, 1, 0]) => unpack_each(row, 3, [2, 1, 0], output),
+        (4, [0, 1, 2]) => unpack_each(row, 4, [0, 1, 2], output),
+        (4, [2, 1, 0]) => unpack_each(row, 4, [2, 1, 0], output),
+        _ => unpack_each(row, step.max(1), rgb, output),
+    }
+}
+
+#[inline(always)]
+fn unpack_each(row: &[u8], step: usize, rgb: [usize; 3], output: &mut [[Pixel; GROUP]]) {
+    for (pixels, bytes) in output.iter_mut().zip(row.chunks(GROUP.saturating_mul(step))) {
+        for (pixel, bytes) in pixels.iter_mut().zip(bytes.chunks_exact(step)) {
+            let [red, green, blue] = rgb.map(|at| bytes.get(at).map_or(0, |value| i16::from(*value)));
+            *pixel = [red, green, blue, 0];
+        }
+    }
+}
+
 fn plain(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
     for (number, pixel) in output.as_flattened_mut().iter_mut().enumerate() {
         *pixel = factors.pixel(samples.pixel(number));

@@ -1,0 +1,28 @@
+use facewire_face::{InferError, SolveError};
+
+/// What can go wrong. The message is a sentence that names the cause and the remedy.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A network is missing or damaged, or failed to run.
+    #[error("{0}")]
+    Networks(String),
+    /// A picture is too large, or its samples are not complete.
+    #[error("{0}")]
+    Picture(String),
+    /// The blendshape model or the profile of a wearer cannot be read.
+    #[error("{0}")]
+    File(String),
+    /// A value that no option has.
+    #[error("{0}")]
+    Option(&'static str),
+    /// The given faces do not form a neutral face.
+    #[error("{0}")]
+    Neutral(#[from] SolveError),
+}
+
+impl From<InferError> for Error {
+    fn from(error: InferError) -> Self {
+        Self::Networks(error.to_string())
+    }
+}

@@ -1,0 +1,223 @@
+//! The promises of [`FaceTracker`], on the built-in clip of the service.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing, clippy::float_cmp)]
+
+use std::time::Duration;
+
+use facewire::calibration::ProfileFile;
+use facewire::capture::{Clip, Source};
+use facewire::config::Settings;
+use facewire::pipeline::{Pipeline, shaping};
+use facewire_library::{
+    Error, Face, FaceTracker, Format, Neutral, NeutralMode, Options, Picture, Pixels, Profile, default_shaping,
+    neutral_of, read_profile,
+};
+
+const SIZE: [usize; 2] = [640, 480];
+
+/// Calls `each` with every picture of the clip and its time.
+fn play(frames: usize, mut each: impl FnMut(&Picture, Duration)) {
+    let mut clip = Clip::once().unwrap();
+    for _ in 0..frames {
+        let frame = clip.next().unwrap().unwrap();
+        each(frame.picture().unwrap(), Duration::from_micros(frame.captured_us));
+    }
+}
+
+/// Every face of the first frames of the clip.
+fn faces(
+    mut tracker: FaceTracker,
+    frames: usize,
+    mut alter: impl FnMut(&Picture) -> Vec<u8>,
+    format: Format,
+) -> Vec<Face> {
+    let mut faces = Vec::new();
+    play(frames, |picture, time| {
+        let samples = alter(picture);
+        let picture = format.picture(&samples, SIZE).unwrap();
+        faces.push(tracker.process(&picture, time).unwrap().unwrap().clone());
+    });
+    faces
+}
+
+/// The picture in red, green and blue, by the definition of BT.601, with the bytes of a pixel in this order.
+fn coloured(picture: &Picture, order: &[usize]) -> Vec<u8> {
+    let Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: [1, 0] } = picture.pixels else { panic!() };
+    let places = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [y * strides[0] + x, y * strides[1] + x / 2]));
+    let pixel = |[at, chroma]: [usize; 2]| {
+        let [y, cb, cr] = [f32::from(luma[at]), f32::from(cb[chroma]) - 128.0, f32::from(cr[chroma]) - 128.0];
+        let rgb = [y + 1.402 * cr, y - 0.344_136 * cb - 0.714_136 * cr, y + 1.772 * cb, 77.0];
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let bytes = order.iter().map(move |&channel| rgb[channel].round() as u8);
+        bytes
+    };
+    places.flat_map(pixel).collect()
+}
+
+#[test]
+fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
+    for mode in [NeutralMode::Off, NeutralMode::Auto] {
+        let mut settings = Settings::default();
+        settings.wearer.neutral = mode;
+        let mut pipeline = Pipeline::load(&settings, true).unwrap();
+        let mut tracker = Options::default().neutral(mode).open().unwrap();
+        let mut clip = Clip::once().unwrap();
+        let mut solved = 0;
+        while let Some(frame) = clip.next().unwrap() {
+            let time = Duration::from_micros(frame.captured_us);
+            let ours = tracker.process(frame.picture().unwrap(), time).unwrap().cloned();
+            let processed = pipeline.process(&frame);
+            let theirs = processed.solved.as_ref().ok();
+            assert_eq!(ours.is_some(), theirs.is_some(), "frame {}", frame.number);
+            let Some((ours, theirs)) = ours.zip(theirs) else { continue };
+            let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&ours.coefficients), bits(&theirs.smoothed.0), "frame {}", frame.number);
+            assert_eq!((ours.head, ours.neutral), (theirs.head, theirs.neutral_face));
+            assert_eq!(bits(ours.landmarks.0.as_flattened()), bits(processed.face.unwrap().landmarks.0.as_flattened()));
+            solved += 1;
+        }
+        assert!(solved > 200, "{solved} frames");
+    }
+    assert_eq!(default_shaping(), shaping(&Settings::default()));
+}
+
+#[test]
+fn nothing_is_allocated_while_faces_are_followed_lost_and_found() {
+    let mut tracker = Options::default().max_faces(2).open().unwrap();
+    let empty = vec![128; SIZE[0] * SIZE[1]];
+    play(60, |picture, time| {
+        let is_face = time < Duration::from_secs(1);
+        let empty = Format::Grey.picture(&empty, SIZE).unwrap();
+        let mut is_seen = false;
+        let allocated = allocation_counter::measure(|| {
+            is_seen = tracker.process(if is_face { picture } else { &empty }, time).unwrap().is_some();
+        });
+        assert_eq!((allocated.count_total, is_seen), (0, is_face), "{time:?}");
+    });
+}
+
+#[test]
+fn every_order_of_colours_gives_the_same_face_which_is_that_of_the_planes() {
+    let track = |format: Format, order: &[usize]| {
+        faces(FaceTracker::new().unwrap(), 20, |picture| coloured(picture, order), format)
+    };
+    let rgb = track(Format::Rgb, &[0, 1, 2]);
+    for (format, order) in [(Format::Bgr, &[2, 1, 0][..]), (Format::Rgba, &[0, 1, 2, 3]), (Format::Bgra, &[2, 1, 0, 3])]
+    {
+        assert_eq!(track(format, order), rgb, "{format:?}");
+    }
+    let mut tracker = FaceTracker::new().unwrap();
+    let mut rgb = rgb.iter();
+    play(20, |picture, time| {
+        let (planar, rgb) = (tracker.process(picture, time).unwrap().unwrap(), rgb.next().unwrap());
+        let pairs = planar.landmarks.0.as_flattened().iter().zip(rgb.landmarks.0.as_flattened());
+        let worst = pairs.map(|(one, other)| (one - other).abs()).fold(0.0, f32::max);
+        assert!(worst < 1.5, "{worst} px");
+    });
+}
+
+/// Two frames of the clip side by side.
+fn pair(left: &[u8], right: &[u8]) -> Vec<u8> {
+    left.chunks(SIZE[0]).zip(right.chunks(SIZE[0])).flat_map(|(left, right)| [left, right].concat()).collect()
+}
+
+fn grey(picture: &Picture) -> Vec<u8> {
+    let Pixels::Planar { planes: [luma, ..], strides: [640, _], .. } = picture.pixels else { panic!() };
+    luma[..SIZE[0] * SIZE[1]].to_vec()
+}
+
+#[test]
+fn each_of_two_faces_has_an_identity_and_a_history_and_reads_like_the_same_face_alone() {
+    let mut films = Vec::new();
+    play(120, |picture, _| films.push(grey(picture)));
+    let time = |frame: usize| Duration::from_millis(33 * frame as u64);
+    let alone = |first: usize| {
+        let mut tracker = FaceTracker::new().unwrap();
+        let mut face = |frame: usize| {
+            let picture = Format::Grey.picture(&films[first + frame], SIZE).unwrap();
+            tracker.process(&picture, time(frame)).unwrap().unwrap().clone()
+        };
+        (0..60).map(&mut face).collect::<Vec<_>>()
+    };
+    let wanted = [alone(0), alone(60)];
+    let mut tracker = Options::default().max_faces(3).open().unwrap();
+    let mut ids = Vec::new();
+    for frame in 0..60 {
+        let samples = pair(&films[frame], &films[60 + frame]);
+        let picture = Format::Grey.picture(&samples, [2 * SIZE[0], SIZE[1]]).unwrap();
+        let mut found: Vec<_> = tracker.process_all(&picture, time(frame)).unwrap().cloned().collect();
+        found.sort_by(|one, other| one.landmarks.0[1][0].total_cmp(&other.landmarks.0[1][0]));
+        assert_eq!(found.len(), 2, "frame {frame}");
+        ids.push([found[0].id, found[1].id]);
+        // The detector sees the pair smaller, so that it takes some frames until the regions agree.
+        for (found, wanted) in found.iter().zip(&wanted).filter(|_| frame > 4) {
+            let pairs = found.coefficients.iter().zip(&wanted[frame].coefficients);
+            let mean = pairs.map(|(one, other)| (one - other).abs()).sum::<f32>() / 52.0;
+            assert!(mean < 0.02, "frame {frame}: {mean}");
+        }
+    }
+    assert!(ids.iter().all(|pair| *pair == ids[0] && pair[0] != pair[1]), "{ids:?}");
+    let right = Format::Grey.picture(&films[119], SIZE).unwrap();
+    assert_eq!(tracker.process_all(&right, time(60)).unwrap().count(), 1, "one has left");
+}
+
+#[test]
+fn single_pictures_have_no_history() {
+    let mut tracker = Options::for_stills().max_faces(2).open().unwrap();
+    let (mut first, mut last) = (None, None);
+    play(40, |picture, _| {
+        let samples = grey(picture);
+        let mut find = |samples: &[u8]| {
+            let picture = Format::Grey.picture(samples, SIZE).unwrap();
+            tracker.process(&picture, Duration::ZERO).unwrap().unwrap().clone()
+        };
+        let (before, samples) = first.get_or_insert_with(|| (find(&samples), samples.clone()));
+        last = Some(*before == with_id(find(samples), before));
+    });
+    assert_eq!(last, Some(true));
+}
+
+fn with_id(mut face: Face, of: &Face) -> Face {
+    face.id = of.id;
+    face
+}
+
+#[test]
+fn the_profile_of_a_calibration_is_read_as_the_service_reads_it_and_another_file_is_refused() {
+    let seen = faces(FaceTracker::new().unwrap(), 10, grey, Format::Grey);
+    let neutral: Neutral = neutral_of(&seen).unwrap();
+    let profile = Profile { neutral: Some(neutral), rest: [-0.05; 52], gain: [1.25; 52] };
+    let file = ProfileFile { profile, model: Some(7), takes: Vec::new(), made_at_unix_s: 7 };
+    let (folder, text) = (tempfile::tempdir().unwrap(), file.text());
+    let path = folder.path().join("anna.toml");
+    std::fs::write(&path, &text).unwrap();
+    assert_eq!(read_profile(&path).unwrap(), ProfileFile::parse(&text).unwrap().profile);
+    let mut tracker = FaceTracker::new().unwrap();
+    tracker.set_profile(&read_profile(&path).unwrap());
+    for damaged in
+        [text.replace("gain = 1.25", "gain = 99.0"), text.replace("format = 1", "format = 2"), text[..900].to_owned()]
+    {
+        std::fs::write(&path, damaged).unwrap();
+        assert!(matches!(read_profile(&path), Err(Error::File(message)) if message.contains("anna.toml")));
+    }
+    assert!(matches!(neutral_of(&[]), Err(Error::Neutral(_))));
+}
+
+#[test]
+fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
+    let error = |options: Options| options.open().err().unwrap().to_string();
+    assert!(error(Options::default().max_faces(0)).contains("max_faces"));
+    assert!(error(Options::default().threads(1000)).contains("threads"));
+    assert!(error(Options::default().horizontal_fov_deg(f32::NAN)).contains("horizontal_fov_deg"));
+    assert!(error(Options::default().networks("/nonexistent")).contains("/nonexistent"));
+    assert!(error(Options::default().model("/nonexistent.toml")).contains("/nonexistent.toml"));
+}
+
+#[test]
+fn trackers_work_in_threads_of_their_own() {
+    let run = || faces(FaceTracker::new().unwrap(), 10, grey, Format::Grey);
+    let tracker = FaceTracker::new().unwrap();
+    let moved = std::thread::spawn(move || faces(tracker, 10, grey, Format::Grey));
+    let others: Vec<_> = (0..2).map(|_| std::thread::spawn(run)).collect();
+    let wanted = moved.join().unwrap();
+    assert!(others.into_iter().all(|other| other.join().unwrap() == wanted));
+}

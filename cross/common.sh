@@ -7,7 +7,7 @@ target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/ta
 program=${0##*/}
 # The programs that boards get.
 # shellcheck disable=SC2034 # The scripts that source this file use it.
-shipped=(facewire facewire-tools facewire-console)
+shipped=(facewire facewire-tools facewire-console facewire-bridge)
 
 say() { printf '%s: %s\n' "$program" "$*"; }
 
@@ -55,14 +55,15 @@ use_target_compiler() {
 }
 
 # build_programs FEATURES OPTION...: builds the programs that boards get, with these options of cargo. FEATURES is an option
-# for facewire and its tools, such as --no-default-features, or empty. facewire-console has its own run of cargo, because one
-# run for all would give a shared dependency the features that any of them needs.
+# for facewire and its tools, such as --no-default-features, or empty. facewire-console and facewire-bridge have their own runs
+# of cargo, because one run for all would give a shared dependency the features that any of them needs.
 build_programs() {
     local features=$1
     shift
     (cd "$root" && export CARGO_TARGET_DIR=$target_folder &&
         cargo build --locked --package facewire --package facewire-tools --bins ${features:+"$features"} "$@" &&
-        cargo build --locked --package facewire-console "$@")
+        cargo build --locked --package facewire-console "$@" &&
+        cargo build --locked --package facewire-bridge "$@")
 }
 
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Writes the Debian copyright file (DEP-5) of the package for one Rust target to standard output.
+"""Writes the Debian copyright file (DEP-5) of a package for one Rust target to standard output.
 
-copyright.py TARGET [CARGO-OPTION]...
+copyright.py PACKAGE TARGET [CARGO-OPTION]...
 
-packaging/copyright names the works that are no Rust packages. For every Rust package that is linked into a program, this
+packaging/copyright and packaging/bridge/copyright name the works that are no Rust packages. For every Rust package that is linked into a program, this
 adds its licence and its copyright holders. Where a package offers several licences, it is distributed under the first of
 PREFERRED that it offers. A package whose licence is not known here ends the script: add the licence then.
 """
@@ -15,10 +15,12 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-PROGRAMS = ["facewire", "facewire-tools", "facewire-console"]
+# The programs of each Debian package, and the file that its copyright begins with.
+PACKAGES = {"facewire": (["facewire", "facewire-tools", "facewire-console"], "copyright"),
+            "facewire-bridge": (["facewire-bridge"], "bridge/copyright")}
 # Licences by their names in Cargo.toml, with Debian's names for them.
 PREFERRED = {"MIT": "Expat", "Apache-2.0": "Apache-2.0", "MPL-2.0": "MPL-2.0", "ISC": "ISC",
-             "BSD-3-Clause": "BSD-3-clause-of-holders"}
+             "BSD-3-Clause": "BSD-3-clause-of-holders", "IJG": "IJG"}
 COMMON = "On Debian systems the full text is in /usr/share/common-licenses/{}."
 COPYRIGHT = re.compile(r"^\W*copyright\s*(?:\(c\)|©)?\s*((?:[0-9]+[^\w\n]+|the ).*?)[\s.,;]*$", re.IGNORECASE | re.MULTILINE)
 # Holders of the texts of licences themselves.
@@ -35,10 +37,10 @@ def cargo(*arguments):
     return subprocess.run(["cargo", *arguments, "--locked"], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def linked_packages(target, options):
+def linked_packages(programs, target, options):
     """Returns the packages whose code is in a program, sorted by name: those that the programs depend on when they run."""
     linked = set()
-    for program in PROGRAMS:
+    for program in programs:
         tree = cargo("tree", f"--package={program}", "--edges=normal,no-proc-macro", f"--target={target}", "--prefix=none",
                      "--format={p}", *options)
         # A line is a name, a version, and remarks in brackets.
@@ -49,14 +51,13 @@ def linked_packages(target, options):
 
 
 def licence_of(package):
-    """Returns Debian's name of the licence under which the package is distributed."""
-    # What is based on the Independent JPEG Group's software says so besides; the text of its licence stands there.
-    licence, of_jpeg = re.subn(r"^\((.*)\) AND IJG$", r"\1", (package["license"] or "").strip())
-    offered = re.split(r"\s+OR\s+|/", licence)
-    for name, debian in PREFERRED.items():
-        if name in offered:
-            return f"{debian} and IJG" if of_jpeg else debian
-    return fail(f"{package['name']} has the licence {package['license']!r}: add it to PREFERRED, with its text")
+    """Returns Debian's name of the licence under which the package is distributed. Several may hold for its parts."""
+    names = []
+    for part in re.sub(r"[()]", "", package["license"] or "").split(" AND "):
+        offered = re.split(r"\s+OR\s+|/", part.strip())
+        names += [debian for name, debian in PREFERRED.items() if name in offered][:1] or [
+            fail(f"{package['name']} has the licence {package['license']!r}: add it to PREFERRED, with its text")]
+    return " and ".join(dict.fromkeys(names))
 
 
 def files_of(package, *patterns):
@@ -96,31 +97,39 @@ def section(text, first, last):
 def texts(packages):
     """Returns the texts of all licences by their names in Debian."""
     by_name = {package["name"]: package for package in packages}
-    (jpeg,) = files_of(by_name["turbojpeg-sys"], "libjpeg-turbo/LICENSE.md")
-    (ijg,) = files_of(by_name["turbojpeg-sys"], "libjpeg-turbo/README.ijg")
-    bsd = section(jpeg.read_text("utf-8"), "Redistribution and use", "Why Two Licenses")
-    found = {
-        "Expat": section((ROOT / "LICENSE-MIT").read_text("utf-8"), "Permission is", None),
-        "BSD-3-clause": bsd,
-        "IJG": section(ijg.read_text("utf-8").split("LEGAL ISSUES\n============")[1], "In plain English", "REFERENCES"),
-    }
+    found = {"Expat": section((ROOT / "LICENSE-MIT").read_text("utf-8"), "Permission is", None)}
+    if "turbojpeg-sys" in by_name:
+        (jpeg,) = files_of(by_name["turbojpeg-sys"], "libjpeg-turbo/LICENSE.md")
+        (ijg,) = files_of(by_name["turbojpeg-sys"], "libjpeg-turbo/README.ijg")
+        found["BSD-3-clause"] = section(jpeg.read_text("utf-8"), "Redistribution and use", "Why Two Licenses")
+        legal = ijg.read_text("utf-8").split("LEGAL ISSUES\n============")[1]
+        found["IJG"] = section(legal, "In plain English", "REFERENCES")
     for name in ("Apache-2.0", "MPL-2.0", "GPL-3"):
         found[name] = COMMON.format(name)
-    for name, first in (("ISC", "Permission to use"), ("BSD-3-clause-of-holders", "Redistribution and use")):
-        files = [files_of(package, "LICENSE*")[0] for package in packages if licence_of(package) == name]
-        found_texts = {section(file.read_text("utf-8"), first, None) for file in files}
+    for name, first, end in (("ISC", "Permission to use", "OF THIS SOFTWARE."), ("BSD-3-clause-of-holders", "Redistribution and use", "\0")):
+        of_name = [package for package in packages if name in licence_of(package).split(" and ")]
+        found_texts = {}
+        for package in of_name:
+            # Some texts stand in comments.
+            files = [re.sub("^// ?", "", file.read_text("utf-8"), flags=re.MULTILINE) for file in files_of(package, "LICENSE*")]
+            text = section(next(text for text in files if first in text), first, None)
+            if end in text:
+                text = section(text, first, end) + end
+            # One author or several are no difference.
+            found_texts[re.sub(r"AUTHORS? (DISCLAIM|BE)S?", r"AUTHOR \1", " ".join(text.split()))] = text
         if len(found_texts) > 1:
             fail(f"the texts of {name} differ: give each a name of its own")
-        found.update((name, text) for text in found_texts)
+        found.update((name, text) for text in found_texts.values())
     return found
 
 
 def main():
     """Writes the file."""
-    if len(sys.argv) < 2:
-        fail("usage: copyright.py TARGET [CARGO-OPTION]...")
-    packages = linked_packages(sys.argv[1], sys.argv[2:])
-    parts = [(ROOT / "packaging" / "copyright").read_text("utf-8")]
+    if len(sys.argv) < 3 or sys.argv[1] not in PACKAGES:
+        fail("usage: copyright.py PACKAGE TARGET [CARGO-OPTION]...")
+    programs, beginning = PACKAGES[sys.argv[1]]
+    packages = linked_packages(programs, sys.argv[2], sys.argv[3:])
+    parts = [(ROOT / "packaging" / beginning).read_text("utf-8")]
     for package in packages:
         fields = [
             ("Files", [f"rust/{package['name']}-{package['version']}/*"]),

@@ -7,13 +7,14 @@
 use std::{
     net::IpAddr,
     sync::{
-        Condvar, Mutex, MutexGuard, PoisonError,
+        Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, SyncSender, sync_channel},
     },
     time::{Duration, Instant},
 };
 
-use facewire_packet::{DecodeError, Face, Packet, Receiver, State, TRAVEL_MS, Tally};
+use facewire_packet::{DecodeError, Face, Packet, State, TRAVEL_MS, Tally};
 
 use crate::settings::{NamedBoard, Settings};
 
@@ -32,14 +33,14 @@ pub struct Counts {
 }
 
 /// What became of a datagram.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub enum Taken {
     /// It is the newest face of a board.
     Newest,
     /// It came twice or late.
     Late,
-    /// The first packet of a board without a name, which has this place now.
-    Added(usize),
+    /// It is the first of a board without a name, which is called this now.
+    Added(String),
     /// It was counted as no packet of a board here: so many of its kind have come.
     Refused(Refusal, u64),
 }
@@ -60,12 +61,12 @@ pub struct Board {
     pub tally: Tally<u16>,
     /// How many packets were taken: an output that knows the number it saw last knows how many it missed.
     pub taken: u64,
-    receiver: Receiver,
+    receiver: facewire_packet::Receiver,
 }
 
 impl Board {
     fn new(name: String, address: IpAddr) -> Self {
-        Self { name, address, tally: Tally::default(), taken: 0, receiver: Receiver::new(TRAVEL_MS) }
+        Self { name, address, tally: Tally::default(), taken: 0, receiver: facewire_packet::Receiver::new(TRAVEL_MS) }
     }
 
     /// Whether the board sends.
@@ -149,7 +150,7 @@ impl Fleet {
             return Taken::Late;
         }
         board.taken += 1;
-        if known.is_none() { Taken::Added(at) } else { Taken::Newest }
+        if known.is_none() { Taken::Added(board.name.clone()) } else { Taken::Newest }
     }
 
     /// The face that a board shows now.
@@ -186,44 +187,28 @@ fn name_of(address: IpAddr) -> String {
     format!("board_{}", words.join("_"))
 }
 
-/// The fleet for several threads, with a bell for those that publish every packet.
+/// The fleet for several threads.
 #[derive(Debug)]
 pub struct Shared {
     fleet: Mutex<Fleet>,
-    /// Whether packets have come since the last look, and what tells of them.
-    has_news: Mutex<bool>,
-    bell: Condvar,
-    is_stopped: AtomicBool,
+    /// Tells who publishes every packet that one has come. It holds one message.
+    bell: SyncSender<()>,
+    pub is_stopped: AtomicBool,
 }
 
 impl Shared {
-    pub fn new(fleet: Fleet) -> Self {
-        let (fleet, has_news) = (Mutex::new(fleet), Mutex::new(false));
-        Self { fleet, has_news, bell: Condvar::new(), is_stopped: AtomicBool::new(false) }
+    /// Returns the fleet, and what tells of packets.
+    pub fn new(fleet: Fleet) -> (Self, Receiver<()>) {
+        let (bell, rings) = sync_channel(1);
+        (Self { fleet: Mutex::new(fleet), bell, is_stopped: AtomicBool::new(false) }, rings)
     }
 
     pub fn lock(&self) -> MutexGuard<'_, Fleet> {
         self.fleet.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Wakes who waits for packets.
     pub fn ring(&self) {
-        let was = std::mem::replace(&mut *self.has_news.lock().unwrap_or_else(PoisonError::into_inner), true);
-        if !was {
-            self.bell.notify_one();
-        }
-    }
-
-    /// Waits for packets, but not longer than this.
-    pub fn wait(&self, longest: Duration) {
-        let has_news = self.has_news.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.bell.wait_timeout_while(has_news, longest, |has_news| !*has_news);
-        *waited.unwrap_or_else(PoisonError::into_inner).0 = false;
-    }
-
-    /// Ends the threads that publish.
-    pub fn stop(&self) {
-        self.is_stopped.store(true, Ordering::Relaxed);
+        let _ = self.bell.try_send(());
     }
 
     pub fn is_stopped(&self) -> bool {
@@ -259,8 +244,8 @@ mod tests {
         assert_eq!(named.take(ip(2), 1, &live(1, 0.0), now), Taken::Refused(Refusal::Stranger, 1));
         assert_eq!(named.take(ip(1), 1, &live(1, 0.0), now), Taken::Newest);
         let (mut open, now) = fleet(Settings { most_boards: 2, ..Settings::default() });
-        assert_eq!(open.take(ip(1), 1, &live(1, 0.0), now), Taken::Added(0));
-        assert_eq!(open.take(ip(2), 1, &live(1, 0.0), now), Taken::Added(1));
+        assert_eq!(open.take(ip(1), 1, &live(1, 0.0), now), Taken::Added("board_10_0_0_1".to_owned()));
+        assert_eq!(open.take(ip(2), 1, &live(1, 0.0), now), Taken::Added("board_10_0_0_2".to_owned()));
         assert_eq!(open.take(ip(3), 1, &live(1, 0.0), now), Taken::Refused(Refusal::Surplus, 1));
         assert_eq!(open.take(ip(3), 1, &live(2, 0.0), now), Taken::Refused(Refusal::Surplus, 2));
         let fault = DecodeError::Length(5);

@@ -17,7 +17,7 @@ use std::{
     io::{self, Write as _},
     net::SocketAddr,
     process::ExitCode,
-    sync::Arc,
+    sync::{Arc, atomic::Ordering},
     time::Instant,
 };
 
@@ -43,12 +43,9 @@ enum Failure {
     /// The settings are at fault.
     #[error(transparent)]
     Settings(#[from] Fault),
-    /// The UDP port is in use, or the address does not belong to this machine.
+    /// The UDP port is in use.
     #[error("cannot receive packets at {address} ({error}); end what uses the port, or give --udp another address")]
     Receive { address: SocketAddr, error: io::Error },
-    /// The network interface does not exist.
-    #[error("there is no network interface {0}; `ip link` lists them")]
-    Interface(String),
     /// The system refuses a thread or a signal.
     #[error("the system refuses {what} ({error}); try again when it has resources to spare")]
     System { what: &'static str, error: io::Error },
@@ -72,11 +69,11 @@ fn say(text: &str) {
 fn run(args: &Args) -> Result<(), Failure> {
     let settings = Settings::load(args)?;
     let refused = |what| move |error| Failure::System { what, error };
-    let client = settings.mqtt.as_ref().map(mqtt::Client::new).transpose()?;
-    let socket = receive::bind(&settings)?;
-    let shared = Arc::new(Shared::new(Fleet::new(&settings, Instant::now())));
-    receive::start(socket, Arc::clone(&shared)).map_err(refused("a thread"))?;
-    let graph = settings.ros.as_ref().map(|ros| ros::start(ros, Arc::clone(&shared)));
+    let client = settings.mqtt.as_ref().map(|mqtt| mqtt::Client::new(mqtt, &settings.namespace)).transpose()?;
+    let (shared, rings) = Shared::new(Fleet::new(&settings, Instant::now()));
+    let shared = Arc::new(shared);
+    receive::start(&settings, Arc::clone(&shared))?;
+    let graph = settings.ros.as_ref().map(|ros| ros::start(ros, &settings.namespace, Arc::clone(&shared), rings));
     let graph = graph.transpose().map_err(refused("a thread"))?;
     let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
     runtime.block_on(async {
@@ -94,7 +91,7 @@ fn run(args: &Args) -> Result<(), Failure> {
             _ = terminate.recv() => {}
         }
         stop.send_replace(true);
-        shared.stop();
+        shared.is_stopped.store(true, Ordering::Relaxed);
         // Their own times bound their farewells.
         let _ = publishes.await;
         if let Some(graph) = graph {

@@ -46,6 +46,7 @@ const FAREWELL: Duration = Duration::from_secs(1);
 pub struct Client {
     options: MqttOptions,
     settings: Mqtt,
+    namespace: String,
     broker: Broker,
 }
 
@@ -60,7 +61,7 @@ enum News {
 }
 
 impl Client {
-    pub fn new(settings: &Mqtt) -> Result<Self, Fault> {
+    pub fn new(settings: &Mqtt, namespace: &str) -> Result<Self, Fault> {
         let broker = settings.address()?;
         let password = settings.password()?;
         let id = format!("facewire-{:08x}", RandomState::new().hash_one(std::process::id()) >> 32);
@@ -81,14 +82,14 @@ impl Client {
                 client_auth: None,
             }));
         }
-        let will = topics::bridge_availability(&settings.prefix);
+        let will = topics::bridge_availability(namespace);
         options.set_last_will(LastWill::new(will, topics::OFFLINE, QoS::AtLeastOnce, true));
-        Ok(Self { options, settings: settings.clone(), broker })
+        Ok(Self { options, settings: settings.clone(), namespace: namespace.to_owned(), broker })
     }
 
     /// Publishes until it is stopped.
     pub async fn run(self, shared: &Shared, mut stopped: watch::Receiver<bool>) {
-        let mut publisher = Publisher::new(&self.settings);
+        let mut publisher = Publisher::new(&self.namespace, self.settings.home_assistant);
         let (mut told, mut pause) = (String::new(), BACKOFF[0]);
         while !*stopped.borrow() {
             let error = self.connect_once(&mut publisher, shared, &mut stopped, &mut told, &mut pause).await;
@@ -156,7 +157,7 @@ impl Client {
 
     /// Says that the bridge is offline, which the broker would not say after an orderly end.
     async fn farewell(&self, client: &AsyncClient, news: &mut mpsc::Receiver<News>) {
-        let topic = topics::bridge_availability(&self.settings.prefix);
+        let topic = topics::bridge_availability(&self.namespace);
         if client.publish(topic, QoS::AtLeastOnce, true, topics::OFFLINE).await.is_ok() {
             while !matches!(news.recv().await, Some(News::Acknowledged | News::Lost(_)) | None) {}
             let _ = client.disconnect().await;

@@ -19,28 +19,54 @@ use crate::{
     settings::Settings,
 };
 
-/// Time until a socket that failed is read again.
-const PAUSE: Duration = Duration::from_millis(200);
+/// Time until a network that is away is tried again.
+const PAUSE: Duration = Duration::from_secs(1);
 /// What the kernel keeps while this program does not run: half a second of 60 boards. It gives less if its limit is lower.
 const BUFFER_BYTES: usize = 1 << 20;
 
+/// Starts to receive. A port that is taken is an error; a network or an interface that is away is waited for.
+pub fn start(settings: &Settings, shared: Arc<Shared>) -> Result<(), Failure> {
+    let (address, interface) = (settings.udp, settings.interface.clone());
+    let mut bound = bind(address, interface.as_deref());
+    if let Err(error) = &bound
+        && matches!(error.kind(), io::ErrorKind::AddrInUse | io::ErrorKind::PermissionDenied)
+    {
+        return bound.map(drop).map_err(|error| Failure::Receive { address, error });
+    }
+    let receive = move || {
+        let mut is_told = false;
+        loop {
+            let error = match bound {
+                Ok(socket) => {
+                    is_told = false;
+                    read(&socket, &shared)
+                }
+                Err(error) => error,
+            };
+            if !is_told {
+                say(&format!("cannot receive at {address} ({error}); check network and --interface. Trying again"));
+                is_told = true;
+            }
+            thread::sleep(PAUSE);
+            bound = bind(address, interface.as_deref());
+        }
+    };
+    let spawned = thread::Builder::new().name("receive".to_owned()).spawn(receive);
+    spawned.map(drop).map_err(|error| Failure::System { what: "a thread", error })
+}
+
 /// Binds the port and joins the group, if the address is one.
-pub fn bind(settings: &Settings) -> Result<UdpSocket, Failure> {
-    let address = settings.udp;
-    let index = settings
-        .interface
-        .as_deref()
-        .map_or(Ok(0), |name| if_nametoindex(name).map_err(|_| Failure::Interface(name.to_owned())))?;
-    let bound = bound(address, index).or_else(|error| {
+fn bind(address: SocketAddr, interface: Option<&str>) -> io::Result<UdpSocket> {
+    let index = interface.map_or(Ok(0), if_nametoindex)?;
+    bound(address, index).or_else(|error| {
         // Without IPv6, the unspecified address means that of IPv4.
         let is_any = address.is_ipv6() && address.ip().is_unspecified();
         if is_any && error.raw_os_error() == Some(nix::libc::EAFNOSUPPORT) {
-            self::bound((Ipv4Addr::UNSPECIFIED, address.port()).into(), index)
+            bound((Ipv4Addr::UNSPECIFIED, address.port()).into(), index)
         } else {
             Err(error)
         }
-    });
-    bound.map_err(|error| Failure::Receive { address, error })
+    })
 }
 
 fn bound(address: SocketAddr, interface: u32) -> io::Result<UdpSocket> {
@@ -63,51 +89,31 @@ fn bound(address: SocketAddr, interface: u32) -> io::Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Starts to read.
-pub fn start(socket: UdpSocket, shared: Arc<Shared>) -> io::Result<()> {
-    thread::Builder::new().name("receive".to_owned()).spawn(move || read(&socket, &shared))?;
-    Ok(())
-}
-
-/// Reads datagrams for as long as the program runs.
-fn read(socket: &UdpSocket, shared: &Shared) {
+/// Reads datagrams until the socket fails, and returns why.
+fn read(socket: &UdpSocket, shared: &Shared) -> io::Error {
     // One byte more than a packet, so that longer datagrams are refused.
     let mut bytes = [0; PACKET_BYTES + 1];
     loop {
-        match socket.recv_from(&mut bytes) {
-            Ok((length, from)) => {
-                let datagram = bytes.get(..length).unwrap_or_default();
-                let mut fleet = shared.lock();
-                match fleet.take(from.ip(), from.port(), datagram, Instant::now()) {
-                    Taken::Newest => shared.ring(),
-                    Taken::Late => {}
-                    Taken::Added(at) => {
-                        let name = fleet.boards.get(at).map(|board| board.name.clone()).unwrap_or_default();
-                        drop(fleet);
-                        say(&format!("{name} is new, from {}", from.ip().to_canonical()));
-                        shared.ring();
-                    }
-                    Taken::Refused(why, count) => {
-                        drop(fleet);
-                        tell(why, count, from.ip().to_canonical());
-                    }
-                }
-            }
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => {
-                say(&format!("the network fails ({error}); check that it is up"));
-                thread::sleep(PAUSE);
-            }
+        let (length, from) = match socket.recv_from(&mut bytes) {
+            Ok((length, from)) => (length, from),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return error,
+        };
+        let (datagram, address) = (bytes.get(..length).unwrap_or_default(), from.ip().to_canonical());
+        let taken = shared.lock().take(address, from.port(), datagram, Instant::now());
+        match taken {
+            Taken::Newest => shared.ring(),
+            Taken::Late => {}
+            Taken::Added(name) => say(&format!("{name} is new, from {address}")),
+            // A flood makes few lines: the first, second, fourth, eighth and so on.
+            Taken::Refused(why, count) if count.is_power_of_two() => say(&refusal(why, count, address)),
+            Taken::Refused(..) => {}
         }
     }
 }
 
-/// Tells of a refused datagram: of the first, second, fourth, eighth and so on, so that a flood makes few lines.
-fn tell(why: Refusal, count: u64, from: IpAddr) {
-    if !count.is_power_of_two() {
-        return;
-    }
-    say(&match why {
+fn refusal(why: Refusal, count: u64, from: IpAddr) -> String {
+    match why {
         Refusal::Stranger => {
             format!("{from} is no named board: {count} packets refused. Name it, or set accept_others = true")
         }
@@ -115,5 +121,5 @@ fn tell(why: Refusal, count: u64, from: IpAddr) {
             "{from} is one board too many: {count} packets refused. Raise most_boards, or start again to forget old addresses"
         ),
         Refusal::Damaged(fault) => format!("{count} damaged datagrams, the last from {from}: {fault}"),
-    });
+    }
 }

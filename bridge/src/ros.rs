@@ -10,7 +10,7 @@ use std::{
     collections::BTreeSet,
     io,
     net::IpAddr,
-    sync::Arc,
+    sync::{Arc, mpsc::Receiver},
     thread::{self, JoinHandle},
     time::{Duration, Instant, SystemTime},
 };
@@ -47,13 +47,14 @@ const DEPTH: usize = 5;
 type Failed = Box<dyn std::error::Error>;
 
 /// Starts to publish.
-pub fn start(settings: &Ros, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
-    let settings = settings.clone();
+pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiver<()>) -> io::Result<JoinHandle<()>> {
+    let (settings, namespace) = (settings.clone(), namespace.to_owned());
     thread::Builder::new().name("ros".to_owned()).spawn(move || {
         let mut told = String::new();
         while !shared.is_stopped() {
             let addresses = addresses();
-            let outcome = Graph::open(&settings).and_then(|mut graph| graph.publish(&shared, &addresses));
+            let outcome =
+                Graph::open(&settings, &namespace).and_then(|mut graph| graph.publish(&shared, &rings, &addresses));
             if let Err(error) = outcome
                 && told != error.to_string()
             {
@@ -89,7 +90,7 @@ struct Writers {
 
 /// This program in the graph of ROS.
 struct Graph {
-    settings: Ros,
+    namespace: String,
     node: Node,
     boards: Vec<Writers>,
     transforms: Publisher<TFMessage>,
@@ -116,7 +117,7 @@ fn publisher<M: Serialize>(node: &mut Node, topic: &str, kind: Kind) -> Result<P
 }
 
 impl Graph {
-    fn open(settings: &Ros) -> Result<Self, Failed> {
+    fn open(settings: &Ros, namespace: &str) -> Result<Self, Failed> {
         let context = Context::with_options(ContextOptions::new().domain_id(settings.domain()))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut node = context.new_node(NodeName::new("/", "facewire_bridge")?, options)?;
@@ -127,15 +128,15 @@ impl Graph {
             .action_units
             .then(|| publisher(&mut node, "/humans/faces/tracked", ("hri_msgs", "IdsList", volatile)));
         let faces = faces.transpose()?;
-        let settings = settings.clone();
-        Ok(Self { settings, node, boards: Vec::new(), transforms, diagnostics, faces, skipped: 0, refused: 0 })
+        let namespace = namespace.to_owned();
+        Ok(Self { namespace, node, boards: Vec::new(), transforms, diagnostics, faces, skipped: 0, refused: 0 })
     }
 
     /// Publishes until the program stops or the machine's addresses change.
-    fn publish(&mut self, shared: &Shared, addresses: &BTreeSet<IpAddr>) -> Result<(), Failed> {
+    fn publish(&mut self, shared: &Shared, rings: &Receiver<()>, addresses: &BTreeSet<IpAddr>) -> Result<(), Failed> {
         let mut due = Instant::now();
         while !shared.is_stopped() {
-            shared.wait(LOOK);
+            let _ = rings.recv_timeout(LOOK);
             self.add_boards(shared)?;
             self.publish_faces(shared);
             let now = Instant::now();
@@ -160,8 +161,8 @@ impl Graph {
         let names: Vec<String> =
             shared.lock().boards.iter().skip(first).take(NEW_BOARDS).map(|board| board.name.clone()).collect();
         for (name, at) in names.into_iter().zip(first..) {
-            let (node, topic) = (&mut self.node, |part: &str| format!("/{}/{name}/{part}", self.settings.namespace));
-            let action_units = self.settings.action_units.then(|| {
+            let (node, topic) = (&mut self.node, |part: &str| format!("/{}/{name}/{part}", self.namespace));
+            let action_units = self.faces.is_some().then(|| {
                 let topic = format!("/humans/faces/{}/facs", face_id(at));
                 publisher(node, &topic, ("hri_msgs", "FacialActionUnits", Durability::Volatile))
             });
@@ -227,7 +228,7 @@ impl Graph {
             }
             // Where no face is followed, there is no head to look for.
             let frames = [format!("{name}_head"), format!("face_{}", face_id(at))];
-            let count = if !has_face { 0 } else { 1 + usize::from(self.settings.action_units) };
+            let count = if !has_face { 0 } else { 1 + usize::from(self.faces.is_some()) };
             transforms.extend(frames.into_iter().take(count).map(|child_frame_id| TransformStamped {
                 header: header.clone(),
                 child_frame_id,

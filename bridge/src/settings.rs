@@ -35,6 +35,8 @@ pub struct Settings {
     pub udp: SocketAddr,
     /// The network interface of a multicast group.
     pub interface: Option<String>,
+    /// The first part of all topics.
+    pub namespace: String,
     /// The most boards, named ones included.
     pub most_boards: usize,
     /// Whether boards that are not named are taken. Without a value they are, unless one is named.
@@ -62,43 +64,22 @@ pub struct Mqtt {
     pub password_file: Option<PathBuf>,
     /// Certificates to trust, in PEM.
     pub ca_file: PathBuf,
-    /// The first part of every topic.
-    pub prefix: String,
-    /// The first part of the topics of Home Assistant's discovery. Empty for none.
-    pub discovery: String,
+    /// Whether Home Assistant is told of the boards.
+    pub home_assistant: bool,
     /// How often a second the whole face is published, at most.
     pub stream_hz: u8,
-    pub smile: Thresholds,
-    pub mouth_open: Thresholds,
-    pub eyes_shut: Thresholds,
 }
 
 /// What to publish to ROS 2.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros {
     pub domain: Option<u16>,
-    /// The first part of the topics.
-    pub namespace: String,
     /// Whether action units are published as ROS4HRI has them.
     pub action_units: bool,
 }
 
-impl Default for Ros {
-    fn default() -> Self {
-        Self { domain: None, namespace: "facewire".to_owned(), action_units: false }
-    }
-}
-
 impl Ros {
-    fn check(&self) -> Result<(), Fault> {
-        check_name(&self.namespace).map_err(|Fault(text)| Fault(format!("ros.namespace: {text}")))?;
-        match self.domain() {
-            0..=232 => Ok(()),
-            domain => fault(format!("there is no domain {domain}: ros.domain is from 0 to 232")),
-        }
-    }
-
     /// The domain, by default that of the environment.
     pub fn domain(&self) -> u16 {
         let of_environment = || std::env::var("ROS_DOMAIN_ID").ok()?.parse().ok();
@@ -106,19 +87,12 @@ impl Ros {
     }
 }
 
-/// Where a trigger goes on and off.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Thresholds {
-    pub on: f32,
-    pub off: f32,
-}
-
 impl Default for Settings {
     fn default() -> Self {
         Self {
             udp: (Ipv6Addr::UNSPECIFIED, 5252).into(),
             interface: None,
+            namespace: "facewire".to_owned(),
             most_boards: 64,
             accept_others: None,
             board: Vec::new(),
@@ -134,12 +108,8 @@ impl Default for Mqtt {
             broker: "localhost".to_owned(),
             password_file: None,
             ca_file: "/etc/ssl/certs/ca-certificates.crt".into(),
-            prefix: "facewire".to_owned(),
-            discovery: "homeassistant".to_owned(),
+            home_assistant: true,
             stream_hz: 0,
-            smile: Thresholds { on: 0.5, off: 0.3 },
-            mouth_open: Thresholds { on: 0.3, off: 0.15 },
-            eyes_shut: Thresholds { on: 0.7, off: 0.4 },
         }
     }
 }
@@ -196,14 +166,14 @@ impl Settings {
         if !(1..=256).contains(&self.most_boards) || self.board.len() > self.most_boards {
             return fault(format!("most_boards must be from {} to 256", self.board.len().max(1)));
         }
-        match (&self.mqtt, &self.ros) {
-            (None, None) => {
-                fault("there is nobody to publish to: give --mqtt BROKER or --ros, or a table [mqtt] or [ros]")
-            }
-            (mqtt, ros) => {
-                ros.as_ref().map_or(Ok(()), Ros::check)?;
-                mqtt.as_ref().map_or(Ok(()), Mqtt::check)
-            }
+        check_name(&self.namespace).map_err(|Fault(text)| Fault(format!("namespace: {text}")))?;
+        if let Some(domain @ 233..) = self.ros.as_ref().map(Ros::domain) {
+            return fault(format!("there is no domain {domain} in ROS 2: it is from 0 to 232"));
+        }
+        match &self.mqtt {
+            Some(mqtt) => mqtt.check(),
+            None if self.ros.is_some() => Ok(()),
+            None => fault("there is nobody to publish to: give --mqtt BROKER or --ros, or a table [mqtt] or [ros]"),
         }
     }
 
@@ -216,25 +186,6 @@ impl Settings {
 impl Mqtt {
     fn check(&self) -> Result<(), Fault> {
         self.address()?;
-        for (key, topic) in [("prefix", &self.prefix), ("discovery", &self.discovery)] {
-            let is_free = key == "discovery" && topic.is_empty();
-            let is_topic = !topic.is_empty()
-                && topic.split('/').all(|level| !level.is_empty())
-                && !topic.starts_with('$')
-                && !topic.contains(['+', '#', '\0']);
-            if !is_free && !is_topic {
-                return fault(format!(
-                    "mqtt.{key} = {topic:?} cannot begin a topic: write words between single slashes, without +, # and a \
-                     leading $"
-                ));
-            }
-        }
-        let triggers = [("smile", self.smile), ("mouth_open", self.mouth_open), ("eyes_shut", self.eyes_shut)];
-        for (name, Thresholds { on, off }) in triggers {
-            if !(0.0 < off && off < on && on <= 1.0) {
-                return fault(format!("mqtt.{name}: off must be above 0 and below on, which is at most 1"));
-            }
-        }
         if self.stream_hz > 60 {
             return fault("mqtt.stream_hz must be from 0 to 60");
         }
@@ -331,77 +282,73 @@ mod tests {
     #[test]
     fn names_that_clash_or_fit_no_topic_are_refused_with_what_to_do() {
         for (boards, want) in [
-            (vec!["a=10.0.0.1", "A=10.0.0.2"], "give each a name"),
-            (vec!["a=10.0.0.1", "b=::ffff:10.0.0.1"], "run a bridge with a port of its own"),
-            (vec!["bridge=10.0.0.1"], "choose another name"),
-            (vec!["head left=10.0.0.1"], "begin with a letter"),
-            (vec!["a/b=10.0.0.1"], "begin with a letter"),
-            (vec!["7up=10.0.0.1"], "begin with a letter"),
-            (vec!["a__b=10.0.0.1"], "single underscores"),
-            (vec!["a=head.local"], "is no IP address"),
+            ("a=10.0.0.1 A=10.0.0.2", "give each a name"),
+            ("a=10.0.0.1 b=::ffff:10.0.0.1", "run a bridge with a port of its own"),
+            ("bridge=10.0.0.1", "choose another name"),
+            ("a/b=10.0.0.1", "begin with a letter"),
+            ("7up=10.0.0.1", "begin with a letter"),
+            ("a__b=10.0.0.1", "single underscores"),
+            ("a=head.local", "is no IP address"),
         ] {
-            let arguments: Vec<&str> = boards.iter().flat_map(|board| ["--board", board]).collect();
-            let error = loaded(&[&arguments[..], &["--mqtt", "localhost"]].concat()).unwrap_err();
+            let boards: Vec<&str> = boards.split(' ').flat_map(|board| ["--board", board]).collect();
+            let error = loaded(&[&boards[..], &["--ros"]].concat()).unwrap_err();
             assert!(error.contains(want), "{boards:?}: {error}");
         }
-        assert!(loaded(&["--mqtt", "b", "--board", "Left_1=10.0.0.1"]).is_ok());
-        assert!(loaded(&[]).unwrap_err().contains("give --mqtt BROKER"));
+        assert!(loaded(&["--ros", "--board", "Left_1=10.0.0.1"]).is_ok());
     }
 
     #[test]
     fn brokers_are_read_as_users_write_them_but_never_with_a_password() {
-        let address = |broker: &str| Mqtt { broker: broker.to_owned(), ..Mqtt::default() }.address();
-        let broker = |is_tls, user: Option<&str>, host: &str, port| {
-            Ok(Broker { is_tls, user: user.map(str::to_owned), host: host.to_owned(), port })
-        };
-        assert_eq!(address("broker.local"), broker(false, None, "broker.local", 1883));
-        assert_eq!(address("10.0.0.1:1884"), broker(false, None, "10.0.0.1", 1884));
-        assert_eq!(address("mqtts://me@broker.local/"), broker(true, Some("me"), "broker.local", 8883));
-        assert_eq!(address("mqtt://[::1]:1885"), broker(false, None, "[::1]", 1885));
-        assert_eq!(address("[::1]"), broker(false, None, "[::1]", 1883));
-        for (wrong, want) in
+        let read = |broker: &str| Mqtt { broker: broker.to_owned(), ..Mqtt::default() }.address();
+        for (broker, is_tls, user, host, port) in [
+            ("broker.local", false, None, "broker.local", 1883),
+            ("10.0.0.1:1884", false, None, "10.0.0.1", 1884),
+            ("mqtts://me@broker.local/", true, Some("me"), "broker.local", 8883),
+            ("mqtt://[::1]:1885", false, None, "[::1]", 1885),
+            ("[::1]", false, None, "[::1]", 1883),
+        ] {
+            let want = Broker { is_tls, user: user.map(str::to_owned), host: host.to_owned(), port };
+            assert_eq!(read(broker), Ok(want));
+        }
+        for (broker, want) in
             [("http://a", "mqtt://"), ("a:b:c@d", "--mqtt-password-file"), ("", "HOST"), ("a:x", "HOST")]
         {
-            let Fault(text) = address(wrong).unwrap_err();
-            assert!(text.contains(want), "{wrong}: {text}");
+            let Fault(text) = read(broker).unwrap_err();
+            assert!(text.contains(want), "{broker}: {text}");
         }
     }
 
     #[test]
     fn a_file_names_its_faults_with_the_line_and_arguments_take_precedence() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("bridge.toml");
-        let file = path.to_str().unwrap();
-        fs::write(&path, "[mqtt]\nbroker = \"one\"\nsmile = { on = 0.6, off = 0.4 }\n[[board]]\nname = \"a\"\naddress = \"10.0.0.1\"\n")
-            .unwrap();
-        let settings = loaded(&["--config", file, "--mqtt", "two", "--mqtt-stream", "5"]).unwrap();
-        let mqtt = settings.mqtt.as_ref().unwrap();
-        assert_eq!((mqtt.broker.as_str(), mqtt.stream_hz, mqtt.smile.on), ("two", 5, 0.6));
-        assert!(!settings.accepts_others() && Settings::default().accepts_others());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let load = |text: &str, arguments: &[&str]| {
+            fs::write(file.path(), text).unwrap();
+            loaded(&[&["--config", file.path().to_str().unwrap()], arguments].concat())
+        };
+        let settings = load("[mqtt]\nbroker = \"one\"\nstream_hz = 9\n", &["--mqtt", "two"]).unwrap();
+        assert_eq!(settings.mqtt, Some(Mqtt { broker: "two".to_owned(), stream_hz: 9, ..Mqtt::default() }));
         for (text, want) in [
+            ("", "give --mqtt BROKER or --ros"),
             ("[mqtt]\nbrocker = \"a\"\n", "line 2"),
-            ("[mqtt]\nprefix = \"a/#\"\n", "mqtt.prefix"),
-            ("[mqtt]\nsmile = { on = 0.4, off = 0.5 }\n", "mqtt.smile: off must be"),
+            ("namespace = \"a/#\"\n[mqtt]\n", "namespace: "),
+            ("[mqtt]\nstream_hz = 61\n", "from 0 to 60"),
+            ("[ros]\ndomain = 233\n", "from 0 to 232"),
             ("most_boards = 0\n[mqtt]\n", "most_boards must be from 1"),
         ] {
-            fs::write(&path, text).unwrap();
-            let error = loaded(&["--config", file]).unwrap_err();
+            let error = load(text, &[]).unwrap_err();
             assert!(error.contains(want), "{text}: {error}");
         }
-        assert!(loaded(&["--config", "/nowhere"]).unwrap_err().contains("check path and rights"));
     }
+
     /// Other tests take blocks marked `toml` alone for settings of facewire.
     #[test]
     fn every_block_of_the_bridges_settings_in_a_document_loads() {
-        let mut count = 0;
-        for document in ["bridge/README.md", "docs/receivers.md"] {
-            let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(document)).unwrap();
-            for block in text.split("```toml bridge\n").skip(1) {
-                let settings = Settings::parse(block.split("```").next().unwrap()).unwrap();
-                settings.check().unwrap();
-                count += 1;
-            }
-        }
-        assert!(count > 0);
+        let of_this_folder = |file| Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        let texts = ["README.md", "../docs/receivers.md"].map(|file| fs::read_to_string(of_this_folder(file)).unwrap());
+        let blocks = texts.iter().flat_map(|text| text.split("```toml bridge\n").skip(1));
+        let mut blocks: Vec<&str> = blocks.map(|rest| rest.split("```").next().unwrap()).collect();
+        assert!(blocks.len() > 1);
+        blocks.push(include_str!("../../packaging/bridge/bridge.toml"));
+        blocks.iter().for_each(|block| Settings::parse(block).unwrap().check().unwrap());
     }
 }

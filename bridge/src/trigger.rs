@@ -4,17 +4,16 @@ use std::time::{Duration, Instant};
 
 use facewire_packet::BLENDSHAPES;
 
-use crate::settings::{Mqtt, Thresholds};
-
 /// What a trigger watches, and how long it must last.
 #[derive(Debug, Clone, Copy)]
 pub struct Kind {
     /// The topic's last part.
     pub name: &'static str,
-    /// As people read it.
-    pub title: &'static str,
     /// The least of these coefficients counts, so that one side alone is no trigger.
     shapes: &'static [&'static str],
+    /// At this value it goes on, and at this it goes off.
+    on: f32,
+    off: f32,
     /// How long the value must be above the upper threshold. A blink is over within 0.4 s.
     rise: Duration,
 }
@@ -25,15 +24,17 @@ const FALL: Duration = Duration::from_millis(300);
 pub const KINDS: [Kind; 3] = [
     Kind {
         name: "smile",
-        title: "Smile",
         shapes: &["mouthSmileLeft", "mouthSmileRight"],
+        on: 0.5,
+        off: 0.3,
         rise: Duration::from_millis(200),
     },
-    Kind { name: "mouth_open", title: "Mouth open", shapes: &["jawOpen"], rise: Duration::from_millis(200) },
+    Kind { name: "mouth_open", shapes: &["jawOpen"], on: 0.3, off: 0.15, rise: Duration::from_millis(200) },
     Kind {
         name: "eyes_shut",
-        title: "Eyes shut",
         shapes: &["eyeBlinkLeft", "eyeBlinkRight"],
+        on: 0.7,
+        off: 0.4,
         rise: Duration::from_millis(500),
     },
 ];
@@ -42,7 +43,6 @@ pub const KINDS: [Kind; 3] = [
 #[derive(Debug, Clone)]
 pub struct Trigger {
     kind: Kind,
-    thresholds: Thresholds,
     is_on: bool,
     /// Since when the value has been beyond the threshold of the other state.
     since: Option<Instant>,
@@ -50,10 +50,8 @@ pub struct Trigger {
 
 impl Trigger {
     /// The triggers of a board, in the order of [`KINDS`].
-    pub fn all(settings: &Mqtt) -> [Self; 3] {
-        let [smile, mouth_open, eyes_shut] = KINDS;
-        [(smile, settings.smile), (mouth_open, settings.mouth_open), (eyes_shut, settings.eyes_shut)]
-            .map(|(kind, thresholds)| Self { kind, thresholds, is_on: false, since: None })
+    pub fn all() -> [Self; 3] {
+        KINDS.map(|kind| Self { kind, is_on: false, since: None })
     }
 
     /// Takes the coefficients of now, and returns whether the trigger is on.
@@ -61,7 +59,7 @@ impl Trigger {
         let shape =
             |name: &&str| BLENDSHAPES.iter().position(|known| known == name).and_then(|at| coefficients.get(at));
         let value = self.kind.shapes.iter().filter_map(shape).fold(1.0, |least: f32, value| least.min(*value));
-        let is_beyond = if self.is_on { value <= self.thresholds.off } else { value >= self.thresholds.on };
+        let is_beyond = if self.is_on { value <= self.kind.off } else { value >= self.kind.on };
         if !is_beyond {
             self.since = None;
             return self.is_on;
@@ -83,7 +81,7 @@ mod tests {
 
     /// What a trigger says to values 50 ms apart: when it changes, in milliseconds.
     fn changes(kind: usize, shapes: &[&str], values: impl IntoIterator<Item = f32>) -> Vec<u64> {
-        let mut trigger = Trigger::all(&Mqtt::default())[kind].clone();
+        let mut trigger = Trigger::all()[kind].clone();
         let (begin, mut was, mut found) = (Instant::now(), false, Vec::new());
         for (ms, value) in (0..).step_by(50).zip(values) {
             let mut coefficients = [0.0; BLENDSHAPE_COUNT];

@@ -6,6 +6,7 @@ mod common;
 use std::{
     collections::BTreeMap,
     fs,
+    net::UdpSocket,
     process::Command,
     thread,
     time::{Duration, Instant},
@@ -257,7 +258,7 @@ fn strangers_damaged_datagrams_and_boards_too_many_are_counted_and_told() {
     assert_eq!(listener.wait_for_json("facewire/bridge/health", is_counted)["surplus"], 0);
 
     let settings = broker.folder.path().join("bridge.toml");
-    fs::write(&settings, format!("most_boards = 2\n[mqtt]\nbroker = \"{}\"\nprefix = \"few\"\n", broker.address()))
+    fs::write(&settings, format!("most_boards = 2\nnamespace = \"few\"\n[mqtt]\nbroker = \"{}\"\n", broker.address()))
         .unwrap();
     let mut listener = broker.subscribe("few/#");
     let mut bridge = Bridge::start(&["--config", settings.to_str().unwrap()]);
@@ -291,4 +292,17 @@ fn of_50_boards_at_60_packets_a_second_nothing_is_lost_that_is_not_counted() {
         };
         one.wait_for_json(&health, is_all);
     }
+}
+
+#[test]
+fn a_port_that_is_taken_is_an_error_and_an_interface_that_is_away_is_waited_for() {
+    let mut bridge = Bridge::start(&["--ros", "--ros-domain", "99", "--interface", "nothere"]);
+    bridge.program.wait_for_text("check network and --interface. Trying again");
+    bridge.program.signal("TERM");
+    assert!(bridge.program.ends().success());
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let arguments = ["--ros", "--udp", &taken.local_addr().unwrap().to_string()];
+    let output = Command::new(env!("CARGO_BIN_EXE_facewire-bridge")).args(arguments).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("give --udp another address"));
 }

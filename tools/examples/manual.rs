@@ -1,9 +1,9 @@
-//! Writes the manual pages and the shell completions of `facewire` and `facewire-console` into a folder. They come from the
-//! definitions with which the programs read their arguments, so they cannot differ from them. `scripts/package` runs this
-//! program.
+//! Writes the manual pages and shell completions of the programs into a folder, from the definitions of their arguments.
 
 #[path = "../../console/src/args.rs"]
 mod view;
+#[path = "../../bridge/src/args.rs"]
+mod bridge;
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
@@ -16,7 +16,7 @@ fn main() -> io::Result<()> {
     let usage = || io::Error::new(io::ErrorKind::InvalidInput, "usage: manual FOLDER");
     let folder = PathBuf::from(env::args_os().nth(1).ok_or_else(usage)?);
     fs::create_dir_all(&folder)?;
-    for command in [whole_command(), view::Args::command()] {
+    for command in [whole_command(), view::Args::command(), bridge::Args::command()] {
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
             generate_to(shell, &mut command.clone(), command.get_name(), &folder)?;
         }

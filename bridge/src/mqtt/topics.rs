@@ -8,16 +8,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-use facewire_packet::{BLENDSHAPES, Face, Reason, yaw_pitch_roll_deg};
+use facewire_packet::{BLENDSHAPES, Face, Packet, Reason, yaw_pitch_roll_deg};
 use rumqttc::{AsyncClient, QoS};
 use serde_json::{Value, json};
 
 use crate::{
     fleet::{Board, Fleet, Shared},
-    settings::{BRIDGE, Mqtt},
+    settings::BRIDGE,
     trigger::{KINDS, Trigger},
 };
 
+/// The first part of the topics of Home Assistant.
+const HOME_ASSISTANT: &str = "homeassistant";
 pub const OFFLINE: &str = "offline";
 const ONLINE: &str = "online";
 /// The least time between two messages of a topic.
@@ -26,42 +28,42 @@ const AT_LEAST: Duration = Duration::from_millis(500);
 const HEALTH: Duration = Duration::from_secs(10);
 
 /// The topic that says whether the bridge runs.
-pub fn bridge_availability(prefix: &str) -> String {
-    format!("{prefix}/{BRIDGE}/availability")
+pub fn bridge_availability(namespace: &str) -> String {
+    format!("{namespace}/{BRIDGE}/availability")
 }
 
 /// A retained topic, and what was sent to it over this connection.
 struct Retained {
     topic: String,
+    at_least: Duration,
     sent: Option<(String, Instant)>,
 }
 
 impl Retained {
     fn new(topic: String) -> Self {
-        Self { topic, sent: None }
+        let at_least = if topic.ends_with("/health") { HEALTH } else { AT_LEAST };
+        Self { topic, at_least, sent: None }
     }
 
     /// Sends the payload if it has changed and the last one is old enough. Returns whether there was no room.
-    fn offer(&mut self, payload: String, at_least: Duration, now: Instant, client: &AsyncClient) -> bool {
-        let is_due = self
-            .sent
-            .as_ref()
-            .is_none_or(|(sent, at)| *sent != payload && now.saturating_duration_since(*at) >= at_least);
-        if !is_due {
+    fn offer(&mut self, payload: &str, now: Instant, client: &AsyncClient) -> bool {
+        let is_old = |at: &Instant| now.saturating_duration_since(*at) >= self.at_least;
+        if !self.sent.as_ref().is_none_or(|(sent, at)| *sent != payload && is_old(at)) {
             return false;
         }
-        let is_full = client.try_publish(&self.topic, QoS::AtMostOnce, true, payload.as_str()).is_err();
+        let is_full = client.try_publish(&self.topic, QoS::AtMostOnce, true, payload).is_err();
         if !is_full {
-            self.sent = Some((payload, now));
+            self.sent = Some((payload.to_owned(), now));
         }
         is_full
     }
 }
 
-/// The topics of a board or of the bridge.
+/// A board's retained topics.
 struct Topics {
     /// What Home Assistant shows, which never changes.
     config: Option<(Retained, String)>,
+    /// In the order of [`board_states`].
     states: Vec<Retained>,
     triggers: [Trigger; 3],
     /// The packets that the stream has seen.
@@ -70,8 +72,10 @@ struct Topics {
 
 /// Publishes the fleet.
 pub struct Publisher {
-    settings: Mqtt,
-    bridge: Topics,
+    namespace: String,
+    is_discovered: bool,
+    /// The bridge's availability and health.
+    bridge: [Retained; 2],
     boards: Vec<Topics>,
     /// Messages that found no room and were replaced or sent later.
     deferred: u64,
@@ -80,52 +84,50 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    pub fn new(settings: &Mqtt) -> Self {
-        let states = ["availability", "health"].map(|part| Retained::new(topic(settings, BRIDGE, part)));
-        let config = config(settings, BRIDGE, &bridge_entities(settings));
-        let bridge = Topics { config, states: states.into(), triggers: Trigger::all(settings), streamed: 0 };
-        Self { settings: settings.clone(), bridge, boards: Vec::new(), deferred: 0, skipped: 0 }
+    pub fn new(namespace: &str, is_discovered: bool) -> Self {
+        let bridge = ["availability", "health"].map(|part| Retained::new(format!("{namespace}/{BRIDGE}/{part}")));
+        Self { namespace: namespace.to_owned(), is_discovered, bridge, boards: Vec::new(), deferred: 0, skipped: 0 }
     }
 
     /// Begins a connection, whose broker may know nothing.
     pub fn begin(&mut self, client: &AsyncClient) {
         self.forget();
-        if !self.settings.discovery.is_empty() {
-            let _ = client.try_subscribe(format!("{}/status", self.settings.discovery), QoS::AtMostOnce);
+        if self.is_discovered {
+            let _ = client.try_subscribe(format!("{HOME_ASSISTANT}/status"), QoS::AtMostOnce);
         }
     }
 
     /// Makes everything that is retained be sent again.
     pub fn forget(&mut self) {
-        for topics in self.boards.iter_mut().chain([&mut self.bridge]) {
-            let config = topics.config.as_mut().map(|(config, _)| config);
-            config.into_iter().chain(&mut topics.states).for_each(|retained| retained.sent = None);
-        }
+        let boards = self.boards.iter_mut();
+        let of_boards = boards
+            .flat_map(|Topics { config, states, .. }| states.iter_mut().chain(config.iter_mut().map(|it| &mut it.0)));
+        of_boards.chain(&mut self.bridge).for_each(|retained| retained.sent = None);
     }
 
     /// Sends what has changed.
     pub fn publish_changes(&mut self, shared: &Shared, client: &AsyncClient, now: Instant) {
         let mut fleet = shared.lock();
-        for at in self.boards.len()..fleet.boards.len() {
-            if let Some(board) = fleet.boards.get(at) {
-                self.boards.push(board_topics(&self.settings, &board.name));
-            }
+        for board in fleet.boards.iter().skip(self.boards.len()) {
+            self.boards.push(topics(&self.namespace, &board.name, self.is_discovered));
         }
-        let mut all = vec![self.bridge_states(&fleet, now)];
+        let bridge = self.bridge_states(&fleet, now);
+        let mut boards = Vec::with_capacity(self.boards.len());
         for (at, topics) in self.boards.iter_mut().enumerate() {
             let (Some(face), Some(board)) = (fleet.face(at, now), fleet.boards.get(at)) else { continue };
-            all.push(board_states(board, &face, &mut topics.triggers, now));
+            boards.push(board_states(board, &face, &mut topics.triggers, now));
         }
         drop(fleet);
-        for (topics, states) in [&mut self.bridge].into_iter().chain(&mut self.boards).zip(all) {
-            if let Some((config, payload)) = &mut topics.config {
-                self.deferred += u64::from(config.offer(payload.clone(), AT_LEAST, now, client));
-            }
-            for (retained, payload) in topics.states.iter_mut().zip(states) {
-                let at_least = if retained.topic.ends_with("/health") { HEALTH } else { AT_LEAST };
-                self.deferred += u64::from(retained.offer(payload, at_least, now, client));
-            }
+        let mut deferred = 0;
+        let mut offer = |retained: &mut Retained, payload: &str| {
+            deferred += u64::from(retained.offer(payload, now, client));
+        };
+        self.bridge.iter_mut().zip(&bridge).for_each(|(retained, payload)| offer(retained, payload));
+        for (topics, states) in self.boards.iter_mut().zip(&boards) {
+            topics.config.iter_mut().for_each(|(retained, payload)| offer(retained, payload));
+            topics.states.iter_mut().zip(states).for_each(|(retained, payload)| offer(retained, payload));
         }
+        self.deferred += deferred;
     }
 
     /// Sends the newest face of each board that has a new one.
@@ -133,72 +135,69 @@ impl Publisher {
         let mut frames = Vec::new();
         let mut fleet = shared.lock();
         for (at, topics) in self.boards.iter_mut().enumerate() {
-            let Some(face) = fleet.face(at, now) else { continue };
-            let Some(board) = fleet.boards.get(at) else { continue };
+            let (Some(face), Some(board)) = (fleet.face(at, now), fleet.boards.get(at)) else { continue };
             if let Some(missed) = board.missed_since(&mut topics.streamed) {
                 self.skipped += missed;
-                frames.push((topic(&self.settings, &board.name, "frame"), frame(board, &face)));
+                frames.push((format!("{}/{}/frame", self.namespace, board.name), *board.packet(), face));
             }
         }
         drop(fleet);
-        for (topic, frame) in frames {
-            self.deferred += u64::from(client.try_publish(topic, QoS::AtMostOnce, false, frame.to_string()).is_err());
+        for (topic, packet, face) in frames {
+            let payload = frame(&packet, &face).to_string();
+            self.deferred += u64::from(client.try_publish(topic, QoS::AtMostOnce, false, payload).is_err());
         }
     }
 
-    fn bridge_states(&self, fleet: &Fleet, now: Instant) -> Vec<String> {
+    fn bridge_states(&self, fleet: &Fleet, now: Instant) -> [String; 2] {
         let here = fleet.boards.iter().filter(|board| board.is_here(now)).count();
         let counts = fleet.counts;
         let health = json!({
             "boards": fleet.boards.len(), "here": here, "strangers": counts.strangers, "surplus": counts.surplus,
             "damaged": counts.damaged, "mqtt_deferred": self.deferred, "stream_skipped": self.skipped,
         });
-        vec![ONLINE.to_owned(), health.to_string()]
+        [ONLINE.to_owned(), health.to_string()]
     }
 }
 
-fn topic(settings: &Mqtt, board: &str, part: &str) -> String {
-    format!("{}/{board}/{part}", settings.prefix)
+fn topics(namespace: &str, name: &str, is_discovered: bool) -> Topics {
+    let [smile, mouth_open, eyes_shut] = KINDS.map(|kind| kind.name);
+    let parts = ["availability", "face", "state", "problem", smile, mouth_open, eyes_shut, "health"];
+    Topics {
+        config: is_discovered.then(|| discovery(namespace, name)),
+        states: parts.map(|part| Retained::new(format!("{namespace}/{name}/{part}"))).into(),
+        triggers: Trigger::all(),
+        streamed: 0,
+    }
 }
 
 fn on_off(is_on: bool) -> String {
     if is_on { "ON" } else { "OFF" }.to_owned()
 }
 
-/// The topics of a board, in the order of [`board_states`].
-fn board_topics(settings: &Mqtt, name: &str) -> Topics {
-    let [smile, mouth_open, eyes_shut] = KINDS.map(|kind| kind.name);
-    let parts = ["availability", "face", "state", "problem", smile, mouth_open, eyes_shut, "health"];
-    Topics {
-        config: config(settings, name, &board_entities(settings, name)),
-        states: parts.map(|part| Retained::new(topic(settings, name, part))).into(),
-        triggers: Trigger::all(settings),
-        streamed: 0,
-    }
-}
-
-fn board_states(board: &Board, face: &Face, triggers: &mut [Trigger; 3], now: Instant) -> Vec<String> {
-    let (packet, is_here) = (board.packet(), board.is_here(now));
+fn board_states(board: &Board, face: &Face, triggers: &mut [Trigger; 3], now: Instant) -> [String; 8] {
+    let (packet, tally, is_here) = (board.packet(), &board.tally, board.is_here(now));
     let (state, reason) = if is_here { (packet.state.name(), packet.reason.name()) } else { ("away", "silent") };
     let is_problem = !is_here || matches!(packet.reason, Reason::NoCamera | Reason::Late | Reason::BadResult);
+    let [smile, mouth_open, eyes_shut] =
+        triggers.each_mut().map(|trigger| on_off(trigger.update(&face.coefficients, now)));
     let health = json!({
-        "packets_per_s": board.tally.rate_hz(now).round(), "packets": board.tally.packets, "lost": board.tally.lost,
-        "damaged": board.tally.refused, "two_senders": board.tally.rival(now).is_some(),
+        "packets_per_s": tally.rate_hz(now).round(), "packets": tally.packets, "lost": tally.lost,
+        "damaged": tally.refused, "two_senders": tally.rival(now).is_some(),
     });
-    let mut states = vec![
+    [
         if is_here { ONLINE } else { OFFLINE }.to_owned(),
         on_off(board.has_face(now)),
         json!({ "state": state, "reason": reason }).to_string(),
         on_off(is_problem),
-    ];
-    states.extend(triggers.iter_mut().map(|trigger| on_off(trigger.update(&face.coefficients, now))));
-    states.push(health.to_string());
-    states
+        smile,
+        mouth_open,
+        eyes_shut,
+        health.to_string(),
+    ]
 }
 
 /// The whole face, as a program would read it.
-fn frame(board: &Board, face: &Face) -> Value {
-    let packet = board.packet();
+fn frame(packet: &Packet, face: &Face) -> Value {
     let rounded = |value: f32| (f64::from(value) * 1e4).round() / 1e4;
     let values = face.coefficients.map(rounded);
     let [yaw, pitch, roll] = yaw_pitch_roll_deg(face.rotation).map(rounded);
@@ -212,89 +211,45 @@ fn frame(board: &Board, face: &Face) -> Value {
     })
 }
 
-/// An entity of Home Assistant: its key, and what is special to it.
-type Entity = (&'static str, Value);
+const DIAGNOSTIC: (&str, &str) = ("entity_category", "diagnostic");
 
-fn board_entities(settings: &Mqtt, name: &str) -> Vec<Entity> {
-    let of = |part: &str| topic(settings, name, part);
-    let diagnostic = |title: &str, part: &str, field: &str| {
-        json!({ "p": "sensor", "name": title, "state_topic": of(part), "entity_category": "diagnostic",
-                "value_template": format!("{{{{ value_json.{field} }}}}") })
+/// Home Assistant's entities: key, name, the last part of the topic, the field of its JSON, and what is special to it.
+const ENTITIES: [(&str, &str, &str, Option<&str>, &[(&str, &str)]); 9] = [
+    ("face", "Face", "face", None, &[("device_class", "occupancy")]),
+    ("smile", "Smile", "smile", None, &[]),
+    ("mouth_open", "Mouth open", "mouth_open", None, &[]),
+    ("eyes_shut", "Eyes shut", "eyes_shut", None, &[]),
+    ("problem", "Problem", "problem", None, &[("device_class", "problem"), DIAGNOSTIC]),
+    ("state", "State", "state", Some("state"), &[DIAGNOSTIC]),
+    ("reason", "Reason", "state", Some("reason"), &[DIAGNOSTIC]),
+    ("rate", "Packet rate", "health", Some("packets_per_s"), &[("unit_of_measurement", "Hz"), DIAGNOSTIC]),
+    ("lost", "Lost packets", "health", Some("lost"), &[("state_class", "total_increasing"), DIAGNOSTIC]),
+];
+
+/// What Home Assistant is told of a board: the topic and the payload.
+fn discovery(namespace: &str, name: &str) -> (Retained, String) {
+    let (id, version) = (format!("{namespace}_{name}"), env!("CARGO_PKG_VERSION"));
+    let topic = |part: &str| format!("{namespace}/{name}/{part}");
+    let component = |(key, title, part, field, special): (&str, &str, &str, Option<&str>, &[(&str, &str)])| {
+        // While the bridge runs, a board that is away is a problem and not unknown.
+        let of_board = !matches!(key, "problem" | "state" | "reason");
+        let needed =
+            [bridge_availability(namespace), topic("availability")].into_iter().take(1 + usize::from(of_board));
+        let mut fields =
+            serde_json::Map::from_iter(special.iter().map(|(key, value)| ((*key).to_owned(), json!(value))));
+        fields.extend(field.map(|field| ("value_template".to_owned(), json!(format!("{{{{ value_json.{field} }}}}")))));
+        let common = json!({
+            "p": if field.is_some() { "sensor" } else { "binary_sensor" }, "name": title, "state_topic": topic(part),
+            "unique_id": format!("{id}_{key}"), "availability_mode": "all",
+            "availability": needed.map(|topic| json!({ "topic": topic })).collect::<Value>(),
+        });
+        fields.extend(common.as_object().cloned().unwrap_or_default());
+        (key.to_owned(), Value::Object(fields))
     };
-    let mut rate = diagnostic("Packet rate", "health", "packets_per_s");
-    let mut lost = diagnostic("Lost packets", "health", "lost");
-    if let (Some(rate), Some(lost)) = (rate.as_object_mut(), lost.as_object_mut()) {
-        rate.extend([
-            ("unit_of_measurement".to_owned(), "Hz".into()),
-            ("state_class".to_owned(), "measurement".into()),
-        ]);
-        lost.insert("state_class".to_owned(), "total_increasing".into());
-    }
-    let mut entities = vec![
-        (
-            "face",
-            json!({ "p": "binary_sensor", "name": "Face", "device_class": "occupancy", "state_topic": of("face") }),
-        ),
-        (
-            "problem",
-            json!({ "p": "binary_sensor", "name": "Problem", "device_class": "problem",
-                            "entity_category": "diagnostic", "state_topic": of("problem") }),
-        ),
-        ("state", diagnostic("State", "state", "state")),
-        ("reason", diagnostic("Reason", "state", "reason")),
-        ("rate", rate),
-        ("lost", lost),
-    ];
-    entities
-        .extend(KINDS.map(|kind| {
-            (kind.name, json!({ "p": "binary_sensor", "name": kind.title, "state_topic": of(kind.name) }))
-        }));
-    entities
-}
-
-fn bridge_entities(settings: &Mqtt) -> Vec<Entity> {
-    let counter = |key, title: &str| {
-        (
-            key,
-            json!({ "p": "sensor", "name": title, "state_topic": topic(settings, BRIDGE, "health"),
-                      "entity_category": "diagnostic", "value_template": format!("{{{{ value_json.{key} }}}}") }),
-        )
-    };
-    vec![
-        counter("here", "Boards here"),
-        counter("strangers", "Packets of strangers"),
-        counter("surplus", "Packets of boards too many"),
-        counter("damaged", "Damaged datagrams"),
-    ]
-}
-
-/// The discovery of a device with these entities, unless it is off.
-fn config(settings: &Mqtt, name: &str, entities: &[Entity]) -> Option<(Retained, String)> {
-    let Mqtt { discovery, prefix, .. } = settings;
-    if discovery.is_empty() {
-        return None;
-    }
-    let id = format!("{prefix}_{name}").replace(|character: char| !character.is_ascii_alphanumeric(), "_");
-    let (version, is_board) = (env!("CARGO_PKG_VERSION"), name != BRIDGE);
-    let mut components = serde_json::Map::new();
-    for (key, entity) in entities {
-        let mut entity = entity.clone();
-        if let Some(fields) = entity.as_object_mut() {
-            fields.insert("unique_id".to_owned(), format!("{id}_{key}").into());
-            // Where the bridge runs, a board that is away is a problem and not unknown.
-            let needs_board = is_board && !matches!(*key, "problem" | "state" | "reason");
-            let places = [BRIDGE, name].into_iter().take(1 + usize::from(needs_board));
-            let topics: Vec<Value> =
-                places.map(|place| json!({ "topic": topic(settings, place, "availability") })).collect();
-            fields.insert("availability".to_owned(), topics.into());
-            fields.insert("availability_mode".to_owned(), "all".into());
-        }
-        components.insert((*key).to_owned(), entity);
-    }
     let payload = json!({
-        "dev": { "ids": [&id], "name": format!("{prefix} {name}"), "mf": "facewire", "sw": version },
+        "dev": { "ids": [&id], "name": format!("{namespace} {name}"), "mf": "facewire", "sw": version },
         "o": { "name": "facewire-bridge", "sw": version },
-        "cmps": components,
+        "cmps": serde_json::Map::from_iter(ENTITIES.map(component)),
     });
-    Some((Retained::new(format!("{discovery}/device/{id}/config")), payload.to_string()))
+    (Retained::new(format!("{HOME_ASSISTANT}/device/{id}/config")), payload.to_string())
 }

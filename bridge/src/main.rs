@@ -18,6 +18,7 @@ use std::{
     net::SocketAddr,
     process::ExitCode,
     sync::{Arc, atomic::Ordering},
+    thread::JoinHandle,
     time::Instant,
 };
 
@@ -68,24 +69,19 @@ fn say(text: &str) {
 
 fn run(args: &Args) -> Result<(), Failure> {
     let settings = Settings::load(args)?;
-    let refused = |what| move |error| Failure::System { what, error };
     let client = settings.mqtt.as_ref().map(|mqtt| mqtt::Client::new(mqtt, &settings.namespace)).transpose()?;
-    let (shared, rings) = Shared::new(Fleet::new(&settings, Instant::now()));
-    let shared = Arc::new(shared);
-    receive::start(&settings, Arc::clone(&shared))?;
-    let graph = settings.ros.as_ref().map(|ros| ros::start(ros, &settings.namespace, Arc::clone(&shared), rings));
-    let graph = graph.transpose().map_err(refused("a thread"))?;
+    let refused = |what| move |error| Failure::System { what, error };
     let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
     runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
         let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
+        let (shared, rings) = Shared::new(Fleet::new(&settings, Instant::now()));
+        let shared = Arc::new(shared);
+        receive::start(&settings, Arc::clone(&shared))?;
+        let graph = settings.ros.as_ref().map(|ros| ros::start(ros, &settings.namespace, Arc::clone(&shared), rings));
+        let graph = graph.transpose().map_err(refused("a thread"))?;
         let (stop, stopped) = watch::channel(false);
-        let faces = Arc::clone(&shared);
-        let publishes = tokio::spawn(async move {
-            if let Some(client) = client {
-                client.run(&faces, stopped).await;
-            }
-        });
+        let publishes = client.map(|client| tokio::spawn(client.run(Arc::clone(&shared), stopped)));
         select! {
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
@@ -93,10 +89,10 @@ fn run(args: &Args) -> Result<(), Failure> {
         stop.send_replace(true);
         shared.is_stopped.store(true, Ordering::Relaxed);
         // Their own times bound their farewells.
-        let _ = publishes.await;
-        if let Some(graph) = graph {
-            let _ = graph.join();
+        if let Some(publishes) = publishes {
+            let _ = publishes.await;
         }
+        let _ = graph.map(JoinHandle::join);
         Ok(())
     })
 }

@@ -9,6 +9,7 @@ mod topics;
 use std::{
     collections::hash_map::RandomState,
     hash::BuildHasher as _,
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -88,11 +89,11 @@ impl Client {
     }
 
     /// Publishes until it is stopped.
-    pub async fn run(self, shared: &Shared, mut stopped: watch::Receiver<bool>) {
+    pub async fn run(self, shared: Arc<Shared>, mut stopped: watch::Receiver<bool>) {
         let mut publisher = Publisher::new(&self.namespace, self.settings.home_assistant);
         let (mut told, mut pause) = (String::new(), BACKOFF[0]);
         while !*stopped.borrow() {
-            let error = self.connect_once(&mut publisher, shared, &mut stopped, &mut told, &mut pause).await;
+            let error = self.connect_once(&mut publisher, &shared, &mut stopped, &mut told, &mut pause).await;
             let Some(error) = error else { return };
             let why = format!("{}: {error}; {}", self.place(), remedy(&error));
             // A broker that stays away is told once.

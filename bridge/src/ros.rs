@@ -9,7 +9,7 @@ mod messages;
 use std::{
     collections::BTreeSet,
     io,
-    net::IpAddr,
+    net::Ipv4Addr,
     sync::{Arc, mpsc::Receiver},
     thread::{self, JoinHandle},
     time::{Duration, Instant, SystemTime},
@@ -66,14 +66,10 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
     })
 }
 
-/// The addresses of this machine.
-fn addresses() -> BTreeSet<IpAddr> {
+/// The addresses of this machine that DDS uses. Those of IPv6 may change every day.
+fn addresses() -> BTreeSet<Ipv4Addr> {
     let all = getifaddrs().into_iter().flatten().filter_map(|interface| interface.address);
-    all.filter_map(|address| {
-        let v4 = address.as_sockaddr_in().map(|address| IpAddr::V4(address.ip()));
-        v4.or_else(|| address.as_sockaddr_in6().map(|address| IpAddr::V6(address.ip())))
-    })
-    .collect()
+    all.filter_map(|address| Some(address.as_sockaddr_in()?.ip())).collect()
 }
 
 /// The writers of a board, and what it showed last.
@@ -133,7 +129,7 @@ impl Graph {
     }
 
     /// Publishes until the program stops or the machine's addresses change.
-    fn publish(&mut self, shared: &Shared, rings: &Receiver<()>, addresses: &BTreeSet<IpAddr>) -> Result<(), Failed> {
+    fn publish(&mut self, shared: &Shared, rings: &Receiver<()>, addresses: &BTreeSet<Ipv4Addr>) -> Result<(), Failed> {
         let mut due = Instant::now();
         while !shared.is_stopped() {
             let _ = rings.recv_timeout(LOOK);
@@ -158,9 +154,11 @@ impl Graph {
 
     fn add_boards(&mut self, shared: &Shared) -> Result<(), Failed> {
         let first = self.boards.len();
-        let names: Vec<String> =
-            shared.lock().boards.iter().skip(first).take(NEW_BOARDS).map(|board| board.name.clone()).collect();
-        for (name, at) in names.into_iter().zip(first..) {
+        let fleet = shared.lock();
+        let new = fleet.boards.iter().skip(first).take(NEW_BOARDS).map(|board| (board.name.clone(), board.taken));
+        let new: Vec<(String, u64)> = new.collect();
+        drop(fleet);
+        for ((name, taken), at) in new.into_iter().zip(first..) {
             let (node, topic) = (&mut self.node, |part: &str| format!("/{}/{name}/{part}", self.namespace));
             let action_units = self.faces.is_some().then(|| {
                 let topic = format!("/humans/faces/{}/facs", face_id(at));
@@ -180,7 +178,8 @@ impl Graph {
                 )?,
                 face: publisher(node, &topic("face"), ("std_msgs", "Bool", Durability::TransientLocal))?,
                 action_units,
-                seen: 0,
+                // The newest packet is still to be published.
+                seen: taken.saturating_sub(1),
                 shown: None,
                 has_face: None,
             });

@@ -10,7 +10,11 @@ use std::{
     net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket},
     path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
-    sync::mpsc::{Receiver, channel},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, channel},
+    },
     thread,
     time::{Duration, Instant},
 };
@@ -23,7 +27,7 @@ pub const PATIENCE: Duration = Duration::from_secs(40);
 
 /// A program whose lines of output are kept, and which ends with its test.
 pub struct Program {
-    child: Child,
+    pub child: Child,
     lines: Receiver<String>,
     pub seen: Vec<String>,
 }
@@ -68,7 +72,6 @@ impl Program {
         self.wait_for(text, |line| line.contains(text).then_some(()));
     }
 
-    /// Reads lines for a while.
     pub fn read_for(&mut self, time: Duration) {
         let end = Instant::now() + time;
         while let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
@@ -76,29 +79,18 @@ impl Program {
         }
     }
 
-    pub fn id(&self) -> u32 {
-        self.child.id()
-    }
-
     pub fn signal(&self, name: &str) {
-        let status = Command::new("kill").args([&format!("-{name}"), &self.id().to_string()]).status();
+        let status = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status();
         assert!(status.unwrap().success());
     }
 
     pub fn ends(&mut self) -> ExitStatus {
-        let end = Instant::now() + PATIENCE;
-        while Instant::now() < end {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                return status;
-            }
-            thread::sleep(Duration::from_millis(20));
-        }
-        panic!("the program does not end");
+        self.child.wait().unwrap()
     }
 
     /// The memory that the program occupies.
     pub fn resident_kb(&self) -> u64 {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap();
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
         let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
         line.split_whitespace().nth(1).unwrap().parse().unwrap()
     }
@@ -109,11 +101,6 @@ impl Drop for Program {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// A port that is free now.
-pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
 /// The bridge, at a port of its own.
@@ -164,25 +151,28 @@ impl Board {
     }
 }
 
-/// Sends as boards do until the guard is dropped: 60 times a second.
-pub fn sending(boards: Vec<Board>) -> impl Drop {
-    struct Guard(std::sync::Arc<()>, Option<thread::JoinHandle<()>>);
-    impl Drop for Guard {
-        fn drop(&mut self) {
-            self.0 = std::sync::Arc::default();
-            let _ = self.1.take().unwrap().join();
-        }
-    }
-    let running = std::sync::Arc::new(());
-    let watched = std::sync::Arc::downgrade(&running);
-    let mut boards = boards;
-    let thread = thread::spawn(move || {
-        while watched.strong_count() > 0 {
+/// Boards that send 60 times a second until this is dropped.
+pub struct Sending(Arc<AtomicBool>, Option<thread::JoinHandle<()>>);
+
+pub fn sending(mut boards: Vec<Board>) -> Sending {
+    let is_over = Arc::new(AtomicBool::new(false));
+    let watched = Arc::clone(&is_over);
+    let send = move || {
+        while !watched.load(Ordering::Relaxed) {
             boards.iter_mut().for_each(Board::send);
             thread::sleep(Duration::from_micros(16_667));
         }
-    });
-    Guard(running, Some(thread))
+    };
+    Sending(is_over, Some(thread::spawn(send)))
+}
+
+impl Drop for Sending {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.1.take() {
+            thread.join().unwrap();
+        }
+    }
 }
 
 /// A broker with its files.
@@ -206,7 +196,11 @@ impl Broker {
             skip::skip("mosquitto and mosquitto-clients are not there: run scripts/setup tests");
             return None;
         }
-        let broker = Self { folder: tempfile::tempdir().unwrap(), port: free_port(), program: None };
+        let broker = Self {
+            folder: tempfile::tempdir().unwrap(),
+            port: TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port(),
+            program: None,
+        };
         broker.configure("allow_anonymous true\n");
         Some(broker)
     }

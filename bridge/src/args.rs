@@ -7,11 +7,11 @@ use std::{
 
 const HELP: &str = "\
 Examples:
-  facewire-bridge --mqtt broker.local                        every board that sends here, to a broker
+  facewire-bridge --mqtt broker.local       every board that sends here, to a broker
+  facewire-bridge --ros                     every board, to ROS 2 in this network
+  facewire-bridge --board left=192.168.1.21 --board right=192.168.1.22 --ros
   facewire-bridge --mqtt mqtts://me@broker.local --mqtt-password-file password
-  facewire-bridge --board left=192.168.1.21 --board right=192.168.1.22 --mqtt broker.local
-  facewire-bridge --ros                                      every board, to ROS 2 in this network
-  facewire-bridge --config bridge.toml                       settings from a file
+  facewire-bridge --config bridge.toml      settings from a file
 
 The password of the broker may also be in the environment, as FACEWIRE_MQTT_PASSWORD.
 
@@ -26,8 +26,8 @@ pub struct Args {
     /// Settings file. Arguments take precedence over it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Address and port to which the boards send, such as a multicast group [default: [::]:5252, which is all addresses of
-    /// this machine]
+    /// Address and port to which the boards send, such as a multicast group [default: port 5252 at all addresses of this
+    /// machine]
     #[arg(long, value_name = "ADDRESS")]
     pub udp: Option<SocketAddr>,
     /// Network interface on which to join the multicast group of `--udp`, such as eth0 [default: the system chooses]

@@ -1,7 +1,8 @@
 //! Serial ports: what the vendor and product numbers of USB devices tell about them, and how late an adapter passes bytes on.
 
+use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Vendors of boards: Arduino (two numbers), Adafruit, Raspberry Pi, Espressif, SparkFun, Seeed, Pololu.
 /// `systemd/99-facewire.rules` has the same numbers.
@@ -59,6 +60,13 @@ pub fn auto_device(numbers: Numbers) -> Option<AutoDevice> {
     } else {
         is_board.then_some(AutoDevice::Microcontroller)
     }
+}
+
+/// The links to a port in a folder of stable names.
+pub fn links_to(port: &Path, folder: &Path) -> BTreeSet<PathBuf> {
+    let Ok(port) = fs::canonicalize(port) else { return BTreeSet::new() };
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    entries.filter(|link| fs::canonicalize(link).is_ok_and(|end| end == port)).collect()
 }
 
 /// Tells that an adapter passes answers on too late, and what to do. `root` is the folder that contains `sys`.

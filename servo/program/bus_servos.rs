@@ -8,6 +8,7 @@ use std::fs;
 use std::io::{Read as _, Write as _};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
@@ -22,6 +23,7 @@ use facewire::config;
 use facewire::link::{Link, Output, Pose, Traffic};
 use facewire_packet::{Reason, State};
 use facewire_servo::bus::simulator::Simulator;
+use rustix::fs::fcntl_setfl;
 use rustix::process::Signal;
 
 /// Servos that run on a thread of their own until they are unplugged.
@@ -184,4 +186,37 @@ fn the_sender_hands_a_face_over_without_an_allocation() {
         thread::sleep(Duration::from_millis(20));
         bus.positions() == [300.0, 500.0]
     });
+}
+
+#[test]
+fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come_at_the_end() {
+    let (bus, terminal) = (Bus::plugged_in("feetech-scs", &[3]), Board::plugged_in());
+    let port = terminal.port();
+    fcntl_setfl(&port, rustix::fs::OFlags::empty()).unwrap();
+    let end = || Stdio::from(port.try_clone().unwrap());
+    let arguments = ["servo", "--channel", "3", "--bus", text(&bus.device), "--family", "feetech-scs", "--step", "100"];
+    let mut child = facewire(arguments).stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+    let mut screen = String::new();
+    let mut shows = |what: &str| {
+        eventually(what, || {
+            let mut bytes = [0; 4096];
+            let length = (&terminal.master).read(&mut bytes).unwrap_or(0);
+            screen += &String::from_utf8_lossy(&bytes[..length]);
+            screen.contains(what)
+        });
+    };
+    let press = |key: &[u8]| (&terminal.master).write_all(key).unwrap();
+    shows(" 500 steps (no torque)");
+    assert_eq!(bus.torques(), [false]);
+    [b"\x1b[C", b"\x1b[C"].into_iter().for_each(|key| press(key));
+    bus.await_state(&[true], &[600.0]);
+    [&b"0"[..], b"\x1b[A", b"\x1b[A", b"1"].into_iter().for_each(press);
+    // A servo of this family allows 20 to 1003.
+    bus.await_state(&[true], &[1003.0]);
+    shows("1: 1003");
+    press(b"q");
+    shows("position_at_0 = 600\r\nposition_at_1 = 1003\r\n");
+    eventually("the end", || child.try_wait().unwrap().is_some());
+    bus.await_state(&[false], &[1003.0]);
+    assert!(bus.lock().servos[0].fastest <= 60.0 / 300.0 * 1023.0 + 1.0);
 }

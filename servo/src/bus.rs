@@ -13,6 +13,7 @@
 mod family;
 #[cfg(any(test, feature = "simulator"))]
 pub mod simulator;
+mod single;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,6 +22,7 @@ use facewire_packet::Packet;
 
 pub use self::family::{Block, Family, Kind, Order, Protocol, Reader, Status};
 use self::family::{Goal, Registers, TRIPPED};
+pub use self::single::{Single, find};
 use crate::{Board, Channel, ChannelSettings, Dials, Limits};
 
 pub const MOST_SERVOS: usize = 30;

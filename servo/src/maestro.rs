@@ -6,7 +6,9 @@
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
 //! Its units of speed hold for its default period of 20 ms.
 
-use crate::Channel;
+use std::io::{self, Read, Write};
+
+use crate::{Channel, ChannelSettings};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
@@ -72,6 +74,14 @@ impl Protocol {
         }
     }
 
+    /// The command for a value of a channel.
+    #[must_use]
+    pub fn command(self, code: Code, channel: u8, value: u16) -> Vec<u8> {
+        let ([low, high], mut command) = (data(value), Vec::new());
+        self.write(&mut command, code, [channel, low, high]);
+        command
+    }
+
     /// Appends the limits of a channel. A Maestro that restarts forgets them.
     pub fn write_limits(self, channel: &Channel, out: &mut Vec<u8>) {
         let (span_us, limits) = (channel.span(), channel.limits);
@@ -97,6 +107,39 @@ impl Protocol {
             }
         }
     }
+}
+
+/// Checks by the question for errors that a Maestro answers. Its errors are older than the question, and ignored. A Maestro
+/// that detects its baud rate needs a command of the Pololu protocol first.
+///
+/// # Errors
+/// If it does not answer in the time of the port.
+pub fn check_answer(port: &mut (impl Read + Write), pololu: Protocol, commands: Protocol) -> io::Result<()> {
+    let mut question = Vec::new();
+    [pololu, commands].iter().for_each(|protocol| protocol.write(&mut question, Code::GetErrors, []));
+    port.write_all(&question).and_then(|()| port.read_exact(&mut [0; ANSWER_BYTES]))
+}
+
+/// What a Maestro gets when its port was opened, `pololu` being its commands in the Pololu protocol. The question clears old
+/// errors, and from its first byte a Maestro detects the baud rate if it is set to do so, whatever the protocol of the link
+/// is. The answer is discarded.
+#[must_use]
+pub fn preamble(pololu: Protocol, commands: Protocol, channels: &[ChannelSettings]) -> Vec<u8> {
+    let mut out = Vec::new();
+    pololu.write(&mut out, Code::GetErrors, []);
+    channels.iter().map(Channel::new).for_each(|channel| commands.write_limits(&channel, &mut out));
+    out
+}
+
+/// What a Maestro is told and asked again and again. One whose errors are not read does not answer.
+#[must_use]
+pub fn question(commands: Protocol, channels: &[ChannelSettings], reads_errors: bool) -> Vec<u8> {
+    let mut out = Vec::new();
+    channels.iter().map(Channel::new).for_each(|channel| commands.write_limits(&channel, &mut out));
+    if reads_errors {
+        commands.write(&mut out, Code::GetErrors, []);
+    }
+    out
 }
 
 fn crc(command: &[u8]) -> u8 {

@@ -137,6 +137,16 @@ pub trait Registers {
     }
 }
 
+/// Reads the address of a chip, such as 0x40 or 64.
+///
+/// # Errors
+/// If the text is none.
+pub fn address(text: &str) -> Result<u32, String> {
+    let number = text.strip_prefix("0x").map_or_else(|| text.parse(), |hex| u32::from_str_radix(hex, 16));
+    let number = number.ok().filter(|number| (0x40..=0x7F).contains(number));
+    number.ok_or_else(|| "write a number from 0x40 to 0x7f".to_owned())
+}
+
 fn first_register(channel: u8) -> u8 {
     LED0_ON_L + 4 * channel.min(CHANNELS - 1)
 }
@@ -267,6 +277,12 @@ mod tests {
         packet.coefficients[JAW_OPEN] = jaw_open;
         servos.show(&packet, chip, Instant::now()).unwrap();
         chip.pulses_us([9, 4])
+    }
+
+    #[test]
+    fn addresses_are_read_as_data_sheets_write_them() {
+        assert_eq!(["0x40", "64", "0x7F"].map(address), [Ok(0x40), Ok(64), Ok(0x7F)]);
+        assert!(["0x3f", "128", "", "x"].map(address).iter().all(Result::is_err));
     }
 
     #[test]

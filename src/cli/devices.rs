@@ -1,8 +1,7 @@
 //! `facewire devices`: lists connected devices as the settings name them.
 
-use std::collections::BTreeSet;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -10,10 +9,16 @@ use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print};
 use crate::capture::v4l2::{Camera, Found, cameras};
-use facewire_board::{AutoDevice, auto_device};
+use crate::link::{lost, open_port};
+use facewire_board::{AutoDevice, auto_device, links_to};
+use facewire_servo::bus::{Protocol, find};
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
+
+/// The baud rates that servos have, most frequent first.
+const SCANNED_BAUDS: [u32; 3] = [1_000_000, 57_600, 115_200];
+const SCAN_PATIENCE: Duration = Duration::from_millis(20);
 
 #[derive(Debug, Serialize)]
 struct Port {
@@ -45,6 +50,21 @@ pub fn run(as_json: bool) -> Result<(), Failure> {
         text += "no serial port\n";
     }
     print(&text)
+}
+
+/// Lists the bus servos at a serial port. Each number that nobody has takes the patience.
+pub fn scan(device: &Path) -> Result<(), Failure> {
+    for (baud, protocol) in SCANNED_BAUDS.into_iter().flat_map(|baud| [(baud, Protocol::One), (baud, Protocol::Two)]) {
+        let mut port = open_port(device, baud, SCAN_PATIENCE)?;
+        for id in 0..=252 {
+            let Some((model, kind)) = find(&mut port, protocol, id).map_err(|error| lost(device, error))? else {
+                continue;
+            };
+            let family = kind.map_or("unknown", |kind| kind.family().name);
+            print(&format!("servo {id} at {baud} baud: model {model}, family = \"{family}\"\n"))?;
+        }
+    }
+    Ok(())
 }
 
 fn listed(found: &Found, ports: &[Port]) -> Value {
@@ -101,14 +121,9 @@ impl Port {
     }
 }
 
-fn links_to(port: &Path, folder: &Path) -> BTreeSet<PathBuf> {
-    let Ok(port) = fs::canonicalize(port) else { return BTreeSet::new() };
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    entries.filter(|link| fs::canonicalize(link).is_ok_and(|end| end == port)).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs;
     use std::os::unix::fs::symlink;
 
     use super::*;

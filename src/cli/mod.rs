@@ -85,6 +85,9 @@ enum Command {
         /// Print the same, and the I2C buses, as JSON
         #[arg(long)]
         json: bool,
+        /// Search for bus servos at this serial port, for half a minute, without moving any
+        #[arg(long, value_name = "DEVICE", conflicts_with = "json")]
+        scan: Option<PathBuf>,
     },
     /// Print every setting with its default, commented out.
     #[command(after_help = DEFAULTS_EXAMPLE)]
@@ -163,7 +166,8 @@ impl Command {
                 Some(Err(error)) => print(&format!("{error}\n")),
                 None => Ok(()),
             }),
-            Self::Devices { json } => devices::run(json),
+            Self::Devices { scan: Some(device), .. } => devices::scan(&device),
+            Self::Devices { json, .. } => devices::run(json),
             Self::Defaults { schema: true, .. } => print(&format!("{}\n", config::schema())),
             Self::Defaults { link, .. } => {
                 let link = link.and_then(|kind| config::default_link(&kind));

@@ -27,8 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
-use facewire_servo::Channel;
-use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, errors};
+use facewire_servo::maestro::{ANSWER_BYTES, SILENCE, errors, preamble, question};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
@@ -224,7 +223,8 @@ impl Line {
             let _ = keep_dtr(&port);
         }
         // The end of a frame separates the first frame from leftovers on the line.
-        let preamble = self.maestro.as_ref().map_or(vec![0], preamble);
+        let preamble =
+            self.maestro.as_ref().map_or(vec![0], |it| preamble(it.pololu_commands(), it.commands(), &it.channels));
         let _ = port.tty.write(&preamble);
         (port.since, port.took_at) = (Instant::now(), Instant::now());
     }
@@ -251,33 +251,10 @@ impl Line {
             (port.is_asked, port.since) = (settings.read_errors, Instant::now());
             let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
-            in_time(port.tty.write(&question(settings)))?;
+            in_time(port.tty.write(&question(settings.commands(), &settings.channels, settings.read_errors)))?;
         }
         Ok(())
     }
-}
-
-/// What a Maestro gets when its port was opened. The question clears old errors, and from its first byte a Maestro
-/// detects the baud rate if it is set to do so, whatever the protocol of the link is. The answer is discarded.
-fn preamble(settings: &MaestroSettings) -> Vec<u8> {
-    let mut out = Vec::new();
-    settings.pololu_commands().write(&mut out, Code::GetErrors, []);
-    write_limits(settings, &mut out);
-    out
-}
-
-/// What a Maestro is told and asked again and again. One whose errors are not read does not answer.
-fn question(settings: &MaestroSettings) -> Vec<u8> {
-    let mut out = Vec::new();
-    write_limits(settings, &mut out);
-    if settings.read_errors {
-        settings.commands().write(&mut out, Code::GetErrors, []);
-    }
-    out
-}
-
-fn write_limits(settings: &MaestroSettings, out: &mut Vec<u8>) {
-    settings.channels.iter().map(Channel::new).for_each(|channel| settings.commands().write_limits(&channel, out));
 }
 
 impl Port {

@@ -3,11 +3,12 @@
 //! Contract: the servo gets no pulses until the first key, and none after the end unless `--end neutral` asks for them. The
 //! terminal is restored however the command ends. A board that the service uses is refused.
 
-use std::io::{self, IsTerminal as _, Read as _, Write as _};
-use std::path::Path;
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 use crossterm::event::{self, KeyCode, KeyEvent, KeyModifiers};
 use crossterm::style::Print;
@@ -18,13 +19,16 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::{Restore, stopped_by};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
-use facewire::config::{LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
+use facewire::config::{
+    BusServoSettings, Choice as _, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings,
+};
 use facewire::link::pca9685::Bus;
 use facewire::link::{PortSearch, lost, open_port};
 use facewire_board::AutoDevice;
+use facewire_servo::bus::{Kind, Single};
 use facewire_servo::finder::{Finder, Press, REACH_US};
-use facewire_servo::maestro::{ANSWER_BYTES, Code, SILENCE, data, speed, target};
-use facewire_servo::pca9685::CHANNELS;
+use facewire_servo::maestro::{Code, SILENCE, check_answer, speed, target};
+use facewire_servo::pca9685::{CHANNELS, address};
 
 /// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
 const RESEND_PERIOD: Duration = Duration::from_millis(200);
@@ -32,6 +36,8 @@ const RESEND_PERIOD: Duration = Duration::from_millis(200);
 const LARGE: f32 = 5.0;
 /// How long a Maestro has for its answer.
 const PATIENCE: Duration = Duration::from_millis(500);
+/// How long a bus servo has, behind an adapter that holds bytes back for 16 ms.
+const BUS_PATIENCE: Duration = Duration::from_millis(50);
 /// Speed of the servo, microseconds of the pulse per second: a large step takes a few hundredths of a second.
 const SPEED_US_PER_S: f32 = 2000.0;
 
@@ -41,9 +47,10 @@ Examples:
   facewire servo --channel 3 --config f.toml        the first servo board in this file
   facewire servo --channel 3 --pca9685 1            the PCA9685 at 0x40 of /dev/i2c-1
   facewire servo --channel 3 --maestro /dev/ttyACM0 the Maestro at this port
+  facewire servo --channel 3 --bus /dev/ttyUSB0 --family feetech-sts     the bus servo with the ID 3
 
 Keys:
-  left, right   move by --step microseconds
+  left, right   move by --step microseconds, or steps of a bus servo
   down, up      move by 5 steps
   0, 1          take this pulse as that of position 0 or 1
   n             take this pulse as the neutral one
@@ -56,8 +63,8 @@ must be stopped first: sudo systemctl stop facewire";
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ServoArgs {
-    /// The number of the channel, as it is printed on the board
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=23))]
+    /// The number of the channel, as it is printed on the board, or the ID of a bus servo
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=252))]
     channel: u8,
     /// A Maestro at this serial port, or "auto" for the one on USB
     #[arg(long, value_name = "DEVICE")]
@@ -68,7 +75,16 @@ pub struct ServoArgs {
     /// The address of the PCA9685
     #[arg(long, value_name = "ADDRESS", default_value = "0x40", value_parser = address, requires = "pca9685")]
     address: u32,
-    /// How far one key moves, microseconds
+    /// A bus servo at this serial port
+    #[arg(long, value_name = "DEVICE", conflicts_with_all = ["maestro", "pca9685"], requires = "family")]
+    bus: Option<PathBuf>,
+    /// The family of the bus servo, as in the settings
+    #[arg(long, value_name = "NAME", requires = "bus", value_parser = PossibleValuesParser::new(Kind::ALL.iter().map(|(name, _)| *name)))]
+    family: Option<String>,
+    /// The baud rate of the bus servo
+    #[arg(long, value_name = "BAUD", default_value_t = 1_000_000, requires = "bus")]
+    baud: u32,
+    /// How far one key moves, microseconds, or steps of a bus servo
     #[arg(long, value_name = "US", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=100))]
     step: u16,
     /// The pulse of the first key, microseconds
@@ -98,17 +114,23 @@ impl ServoArgs {
         if let Some(bus) = self.pca9685 {
             return LinkKind::Pca9685(Pca9685Settings { bus, address: self.address, ..Pca9685Settings::default() });
         }
+        if let (Some(device), Some(name)) = (&self.bus, &self.family) {
+            let (device, kind) =
+                (SerialDevice::Path(device.clone()), Kind::ALL.iter().find(|(known, _)| known == name));
+            let family = kind.map_or(Kind::DynamixelX, |(_, kind)| *kind);
+            return LinkKind::BusServo(BusServoSettings {
+                device,
+                family,
+                baud: self.baud,
+                ..BusServoSettings::default()
+            });
+        }
         let kinds = settings.links.iter().map(|link| &link.kind);
-        let found = kinds.clone().find(|kind| matches!(kind, LinkKind::Maestro(_) | LinkKind::Pca9685(_)));
+        let found = kinds
+            .clone()
+            .find(|kind| matches!(kind, LinkKind::Maestro(_) | LinkKind::Pca9685(_) | LinkKind::BusServo(_)));
         found.cloned().unwrap_or_else(|| LinkKind::Maestro(MaestroSettings::default()))
     }
-}
-
-/// Reads an I2C address, such as 0x40 or 64.
-fn address(text: &str) -> Result<u32, String> {
-    let number = text.strip_prefix("0x").map_or_else(|| text.parse(), |hex| u32::from_str_radix(hex, 16));
-    let number = number.ok().filter(|number| (0x40..=0x7F).contains(number));
-    number.ok_or_else(|| "write a number from 0x40 to 0x7f".to_owned())
 }
 
 pub fn run(args: &ServoArgs) -> Result<(), Failure> {
@@ -117,8 +139,12 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
         return Err(Failure::failed("`facewire servo` reads keys from a terminal; run it in one".to_owned()));
     }
     let stop = stopped_by(&[SIGINT, SIGTERM, SIGHUP])?;
-    let mut set_pulse = open(&kind, args.channel)?;
-    let mut finder = Finder::new(args.start.into(), args.step.into(), REACH_US, false);
+    let (start, step) = (args.start.into(), args.step.into());
+    let (mut set_pulse, mut finder) = if let LinkKind::BusServo(settings) = &kind {
+        open_bus(settings, args.channel, step)?
+    } else {
+        (open(&kind, args.channel)?, Finder::new(start, step, REACH_US, false))
+    };
     let mut move_by_keys = || -> Result<(), Failure> {
         let _restore = Restore(|| execute!(io::stdout(), Print("\r\n"), cursor::Show).and(disable_raw_mode()));
         enable_raw_mode().and_then(|()| execute!(io::stdout(), cursor::Hide)).map_err(gone)?;
@@ -155,6 +181,7 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
             let mut bus = Bus::open(settings)?;
             Ok(Box::new(move |pulse_us| Ok(bus.set_pulse(channel, pulse_us)?)))
         }
+        LinkKind::Maestro(_) if channel > 23 => Err(Failure::failed("a Maestro has the channels 0 to 23".to_owned())),
         LinkKind::Maestro(settings) => open_maestro(settings, channel),
         _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
     }
@@ -163,26 +190,26 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
 fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Failure> {
     let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
     let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, settings.commands());
-    if settings.read_errors {
-        // The question for errors checks that the Maestro answers. Its errors are older than this command, and ignored. A
-        // Maestro that detects its baud rate needs a command of the first protocol.
-        let mut question = Vec::new();
-        for protocol in [settings.pololu_commands(), protocol] {
-            protocol.write(&mut question, Code::GetErrors, []);
-        }
-        let _ = tty.clear(ClearBuffer::Input);
-        let answered = tty.write_all(&question).and_then(|()| tty.read_exact(&mut [0; ANSWER_BYTES]));
-        answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", device.display())))?;
+    let _ = tty.clear(ClearBuffer::Input);
+    if settings.read_errors && check_answer(&mut tty, settings.pololu_commands(), protocol).is_err() {
+        return Err(Failure::unavailable(format!("{}: {SILENCE}", device.display())));
     }
     let mut command = move |code, value| {
-        let ([low, high], mut command) = (data(value), Vec::new());
-        protocol.write(&mut command, code, [channel, low, high]);
         // Answers to earlier commands are discarded, because nobody reads them.
         let _ = tty.clear(ClearBuffer::Input);
-        tty.write_all(&command).map_err(|error| lost(&device, error).into())
+        tty.write_all(&protocol.command(code, channel, value)).map_err(|error| lost(&device, error).into())
     };
     command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
     Ok(Box::new(move |pulse_us| command(Code::SetTarget, target(pulse_us))))
+}
+
+/// Opens a bus servo, and begins where it stands.
+fn open_bus(settings: &BusServoSettings, id: u8, step: f32) -> Result<(SetPulse, Finder), Failure> {
+    let device = PortSearch::new(&settings.device, AutoDevice::BusServos).find()?;
+    let servo = Single::open(open_port(&device, settings.baud, BUS_PATIENCE)?, settings.family, id);
+    let mut servo = servo.map_err(|trouble| Failure::unavailable(format!("{}: {trouble}", device.display())))?;
+    let finder = Finder::new(servo.place(), step, servo.reach(), true);
+    Ok((Box::new(move |place| servo.set(place).map_err(|error| lost(&device, error).into())), finder))
 }
 
 fn gone(error: io::Error) -> Failure {
@@ -217,15 +244,4 @@ fn press(key: KeyCode) -> Option<Press> {
 fn is_end(key: KeyEvent) -> bool {
     let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
     matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) || is_control && matches!(key.code, KeyCode::Char('c' | 'd'))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_are_read_as_data_sheets_write_them() {
-        assert_eq!(["0x40", "64", "0x7F"].map(address), [Ok(0x40), Ok(64), Ok(0x7F)]);
-        assert!(["0x3f", "128", "", "x"].map(address).iter().all(Result::is_err));
-    }
 }

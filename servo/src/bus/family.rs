@@ -73,6 +73,7 @@ pub struct Family {
     /// What is read: first what a servo is, then again and again how it is.
     pub blocks: &'static [Block],
     model: Field,
+    id: u8,
     /// The lowest and the highest position.
     limits: [Field; 2],
     /// What a byte must be: its address, the bits that count, the values that they may have, and what to do otherwise.
@@ -119,6 +120,7 @@ const X: Family = Family {
     most_steps: 4095,
     blocks: &[Block(0, 56), Block(64, 35), Block(126, 21)],
     model: (0, 2),
+    id: 7,
     limits: [(52, 4), (48, 4)],
     needs: &[
         (11, 0xFF, &[3, 5], "set its operating mode to position control"),
@@ -149,6 +151,7 @@ const AX: Family = Family {
     degrees_per_step: 300.0 / 1023.0,
     most_steps: 1023,
     blocks: &[Block(0, 14), Block(24, 20)],
+    id: 3,
     limits: [(6, 2), (8, 2)],
     needs: &[],
     torque: 24,
@@ -186,6 +189,7 @@ const STS: Family = Family {
     models: &[0..=u32::MAX],
     blocks: &[Block(0, 37), Block(40, 26)],
     model: (3, 2),
+    id: 5,
     limits: [(9, 2), (11, 2)],
     needs: &[
         (2, 0xFF, &[0], "its numbers begin with the high byte: set family = \"feetech-scs\""),
@@ -334,7 +338,7 @@ impl Family {
     }
 
     /// The lowest and the highest position that the servo allows, and that the family has.
-    fn limits(&self, registers: &Registers) -> [u32; 2] {
+    pub fn limits(&self, registers: &Registers) -> [u32; 2] {
         let [least, most] = self.limits.map(|field| self.get(registers, field));
         [least, most.min(self.most_steps.into())]
     }
@@ -347,9 +351,24 @@ impl Family {
         (if is_negative { least } else { position.min(most).max(least) }) as f32
     }
 
+    pub fn model(&self, registers: &Registers) -> u32 {
+        self.get(registers, self.model)
+    }
+
+    /// Whether the first registers are those of a servo of this family with this number. Feetech tells its byte order.
+    pub fn has_start(&self, registers: &Registers, id: u8) -> bool {
+        let model = self.model(registers);
+        let has_order = self.needs.iter().filter(|(address, ..)| *address == 2);
+        let mut has_order =
+            has_order.map(|(_, _, orders, _)| orders.iter().any(|order| registers.get(2) == Some(order)));
+        self.models.iter().any(|models| models.contains(&model))
+            && registers.get(usize::from(self.id)) == Some(&id)
+            && has_order.all(|is_met| is_met)
+    }
+
     /// Why a servo with these registers is not moved, if there is a reason.
     pub fn refusal(&self, registers: &Registers, ends: [f32; 2]) -> Option<String> {
-        let (model, [least, most]) = (self.get(registers, self.model), self.limits(registers));
+        let (model, [least, most]) = (self.model(registers), self.limits(registers));
         if !self.models.iter().any(|models| models.contains(&model)) {
             return Some(format!("its model {model} is not one of {}: set another family", self.name));
         }

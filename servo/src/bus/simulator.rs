@@ -106,6 +106,14 @@ impl Servo {
     fn new(manual: Manual, contents: Contents, id: u8, now: Instant) -> Self {
         let mut registers = [0; 256];
         contents.iter().for_each(|(first, bytes)| registers[*first..first + bytes.len()].copy_from_slice(bytes));
+        let place = if manual.is_two {
+            7
+        } else if manual.ram == AX.ram {
+            3
+        } else {
+            5
+        };
+        registers[place] = id;
         let (alarms, answers, position, fastest, motor) = (0, Answers::Well, 500.0, 0.0, 5000.0);
         let (moved_at, heard_at, away_until) = (now, now, now);
         Self { manual, id, registers, alarms, answers, position, fastest, motor, moved_at, heard_at, away_until }
@@ -246,6 +254,11 @@ impl Simulator {
     /// Takes the next whole frame from the input, from the ID on and without its checksum.
     fn next_frame(&mut self) -> Option<Vec<u8>> {
         let is_two = self.manual.is_two;
+        // What begins no frame is skipped.
+        let header: &[u8] = if is_two { &[0xFF, 0xFF, 0xFD, 0] } else { &[0xFF, 0xFF] };
+        while self.input.iter().zip(header).any(|(byte, header)| byte != header) {
+            self.input.remove(0);
+        }
         let whole = match *self.input.as_slice() {
             [0xFF, 0xFF, 0xFD, 0, _, low, high, ..] if is_two => 7 + usize::from(u16::from_le_bytes([low, high])),
             [0xFF, 0xFF, _, length, ..] if !is_two => 4 + usize::from(length),
@@ -258,10 +271,11 @@ impl Simulator {
         } else {
             (frame[2..].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)) == 0xFF, frame[2..whole - 1].to_vec())
         };
-        if !is_good {
-            self.strange.push(frame.clone());
+        if is_good && body.len() > 2 {
+            return Some(body);
         }
-        Some(body)
+        self.strange.push(frame);
+        self.next_frame()
     }
 
     fn obey(&mut self, frame: &[u8], now: Instant) {

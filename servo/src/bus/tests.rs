@@ -1,3 +1,4 @@
+use std::io;
 use std::sync::atomic::Ordering::Relaxed;
 
 use facewire_packet::{Reason, State};
@@ -513,5 +514,85 @@ fn whatever_settings_and_answers_say_only_goals_within_the_limits_torque_and_wat
             };
             assert!(is_allowed && (1..4).contains(id), "{}: {id} {first} {data:?}", family.name);
         }
+    }
+}
+
+/// A line with simulated servos as a port. Reading waits for nothing.
+struct Wire(Simulator, Vec<u8>);
+
+impl io::Read for Wire {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let length = bytes.len().min(self.1.len());
+        bytes.iter_mut().zip(self.1.drain(..length)).for_each(|(to, from)| *to = from);
+        if length == 0 { Err(io::ErrorKind::TimedOut.into()) } else { Ok(length) }
+    }
+}
+
+impl io::Write for Wire {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.1 = self.0.take(bytes, Instant::now());
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn servos_are_found_with_model_and_family_even_with_an_echo_and_one_is_moved_by_keys_from_where_it_stands() {
+    for (kind, model, echoes) in KINDS
+        .into_iter()
+        .zip([1200, 12, 29, 777, 1284])
+        .flat_map(|(kind, model)| [(kind, model, true), (kind, model, false)])
+    {
+        let (family, now) = (kind.family(), Instant::now());
+        let mut wire = Wire(Simulator::new(family.name, &[9, 200], now), Vec::new());
+        wire.0.echoes = echoes;
+        let found: Vec<_> =
+            (0..=252).filter_map(|id| Some((id, find(&mut wire, family.protocol, id).unwrap()?))).collect();
+        assert_eq!(found, [(9, (model, Some(kind))), (200, (model, Some(kind)))], "{}", family.name);
+        let other = if family.protocol == Protocol::One { Protocol::Two } else { Protocol::One };
+        assert_eq!(find(&mut wire, other, 9).unwrap(), None);
+        let mut servo = Single::open(&mut wire, kind, 9).unwrap();
+        assert!(servo.place() == 500.0 && servo.reach()[1] >= 1000.0);
+        assert!([Some(700.0), Some(600.0), None].into_iter().all(|place| servo.set(place).is_ok()));
+        let torque = usize::from(family.torque);
+        let written: Vec<_> = wire
+            .0
+            .written
+            .iter()
+            .filter(|(_, _, first, _)| *first != 98)
+            .map(|(_, id, first, data)| (*id, *first == torque, data.len() == 1 && data[0] == 1))
+            .collect();
+        assert_eq!(
+            written,
+            [(9, false, false), (9, true, true), (9, false, false), (9, true, false)],
+            "{}",
+            family.name
+        );
+        wire.0.servos[0].alarms = 1;
+        assert!(
+            Single::open(&mut wire, kind, 9).is_err_and(|trouble| trouble.starts_with("servo 9: its supply voltage"))
+        );
+        assert!(
+            Single::open(&mut wire, kind, 3).is_err_and(|trouble| trouble.starts_with("servo 3: it does not answer"))
+        );
+    }
+}
+
+#[test]
+fn goals_take_at_most_half_of_a_line_and_answers_the_rest() {
+    let fits = |kind: Kind, servos, baud| kind.family().line_bytes(servos) * 10 * 50 <= baud;
+    for (kind, servos, baud, want) in [
+        // 16 goals of the X series have 222 bytes, 38.5 ms at 57,600 baud, and 3 of them 53.
+        (Kind::DynamixelX, 16, 57_600, false),
+        (Kind::DynamixelX, 4, 57_600, false),
+        (Kind::DynamixelX, 3, 57_600, true),
+        (Kind::DynamixelX, 30, 1_000_000, true),
+        (Kind::FeetechSts, 30, 1_000_000, true),
+        (Kind::DynamixelAx, 30, 115_200, false),
+    ] {
+        assert_eq!(fits(kind, servos, baud), want, "{kind:?} {servos} {baud}");
     }
 }

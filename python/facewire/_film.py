@@ -1,0 +1,74 @@
+"""Films, which OpenCV or PyAV decodes."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Iterator, NamedTuple, Optional, Tuple, Union
+
+import numpy
+
+from ._facewire import Face, FaceTracker, FacewireError
+
+
+class TrackedFrame(NamedTuple):
+    """A frame of a film."""
+
+    number: int
+    """Counts from 0."""
+    time_s: float
+    """Seconds since the beginning of the film."""
+    face: Optional[Face]
+    """The face, if the frame shows one."""
+
+
+def track(film: Union[str, "os.PathLike[str]"], tracker: Optional[FaceTracker] = None, **options: Any) -> Iterator[TrackedFrame]:
+    """Yields every frame of a film with its face.
+
+    Without a tracker, one is made with these options (those of FaceTracker). It needs PyAV (`pip install av`) or OpenCV.
+    """
+    if tracker is not None and options:
+        raise TypeError("give a tracker or options, not both")
+    tracker = tracker or FaceTracker(**options)
+    path = os.fspath(film)
+    if not os.path.exists(path):
+        raise FileNotFoundError(path)
+    return _track(path, tracker)
+
+
+def _track(path: str, tracker: FaceTracker) -> Iterator[TrackedFrame]:
+    for number, (time_s, picture) in enumerate(_decode(path)):
+        yield TrackedFrame(number, time_s, tracker.process(picture, time_s))
+
+
+def _decode(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, Any]"]]:
+    """Yields the time and the picture, in the order of OpenCV, of every frame."""
+    try:
+        import av
+    except ImportError:
+        yield from _decode_by_opencv(path)
+        return
+    try:
+        with av.open(path) as container:
+            for number, frame in enumerate(container.decode(video=0)):
+                yield frame.time if frame.time is not None else number / 30, frame.to_ndarray(format="bgr24")
+    except av.FFmpegError as error:
+        raise FacewireError(f"{path} cannot be decoded: {error}") from error
+
+
+def _decode_by_opencv(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, Any]"]]:
+    try:
+        import cv2
+    except ImportError:
+        raise FacewireError("to decode films, install PyAV (pip install av) or OpenCV (pip install opencv-python)") from None
+    film = cv2.VideoCapture(path)
+    if not film.isOpened():
+        raise FacewireError(f"{path} cannot be decoded by OpenCV")
+    rate = film.get(cv2.CAP_PROP_FPS) or 30.0
+    number = 0
+    while True:
+        is_there, picture = film.read()
+        if not is_there:
+            film.release()
+            return
+        yield number / rate, picture
+        number += 1

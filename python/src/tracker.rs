@@ -1,0 +1,150 @@
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use facewire_library::{
+    Adjustments, Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile,
+};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::exception;
+use crate::face::Face;
+use crate::frame::Frame;
+
+/// Follows faces from picture to picture.
+///
+/// max_faces: how many faces are followed, 1 to 16.
+/// stills: whether the pictures have nothing to do with each other: no filters, no history.
+/// smoothing: whether coefficients and head pose are filtered.
+/// neutral: what is done about the neutral face of a wearer without a profile: "auto" estimates it, "off" takes the mean of
+///     many people.
+/// profile: a file by `facewire calibrate`.
+/// mirror: whether left and right are swapped in the result.
+/// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.
+/// model, networks: a blendshape model and a folder of networks in place of the built-in ones.
+/// threads: how many threads compute the networks.
+///
+/// A tracker belongs to one thread at a time. Threads with a tracker each run at the same time.
+#[pyclass(frozen, module = "facewire")]
+pub struct FaceTracker {
+    state: Mutex<State>,
+    begun: Instant,
+}
+
+struct State {
+    tracker: facewire_library::FaceTracker,
+    /// Samples of an array that do not lie one after another.
+    memory: Vec<u8>,
+}
+
+#[pymethods]
+impl FaceTracker {
+    #[new]
+    #[pyo3(signature = (*, max_faces=1, stills=false, smoothing=true, neutral=None, profile=None, mirror=false,
+        horizontal_fov_deg=60.0, model=None, networks=None, threads=1))]
+    #[expect(clippy::too_many_arguments, reason = "they have names in Python")]
+    fn new(
+        py: Python<'_>,
+        max_faces: usize,
+        stills: bool,
+        smoothing: bool,
+        neutral: Option<&str>,
+        profile: Option<PathBuf>,
+        mirror: bool,
+        horizontal_fov_deg: f32,
+        model: Option<PathBuf>,
+        networks: Option<PathBuf>,
+        threads: u32,
+    ) -> PyResult<Self> {
+        let options = if stills { Options::for_stills() } else { Options::default() };
+        let mut shaping = default_shaping();
+        shaping.adjustments = Adjustments { mirror, ..Adjustments::default() };
+        if stills || !smoothing {
+            shaping.filters = Filters::OFF;
+        }
+        let mut options =
+            options.max_faces(max_faces).threads(threads).horizontal_fov_deg(horizontal_fov_deg).shaping(shaping);
+        options = match neutral {
+            None => options,
+            Some("auto") => options.neutral(NeutralMode::Auto),
+            Some("off") => options.neutral(NeutralMode::Off),
+            Some(_) => return Err(PyValueError::new_err("neutral can be \"auto\" or \"off\"")),
+        };
+        if let Some(path) = profile {
+            options = options.profile(read_profile(path).map_err(|error| exception(&error))?);
+        }
+        if let Some(path) = model {
+            options = options.model(path);
+        }
+        if let Some(folder) = networks {
+            options = options.networks(folder);
+        }
+        let tracker = py.detach(|| options.open()).map_err(|error| exception(&error))?;
+        Ok(Self { state: Mutex::new(State { tracker, memory: Vec::new() }), begun: Instant::now() })
+    }
+
+    /// Returns the face in a picture, or None if there is none.
+    ///
+    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV) or a picture of Pillow.
+    /// time: when it was taken, seconds since any moment that stays the same; without it, now.
+    /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444.
+    ///
+    /// Do not change the array in another thread meanwhile.
+    #[pyo3(signature = (frame, time=None, *, format=None))]
+    fn process(
+        &self,
+        py: Python<'_>,
+        frame: &Bound<'_, PyAny>,
+        time: Option<f64>,
+        format: Option<&str>,
+    ) -> PyResult<Option<Face>> {
+        // The one that has been followed longest comes first.
+        Ok(self.process_all(py, frame, time, format)?.into_iter().min_by_key(|face| face.found.id))
+    }
+
+    /// Returns all faces in a picture, like `process`.
+    #[pyo3(signature = (frame, time=None, *, format=None))]
+    fn process_all(
+        &self,
+        py: Python<'_>,
+        frame: &Bound<'_, PyAny>,
+        time: Option<f64>,
+        format: Option<&str>,
+    ) -> PyResult<Vec<Face>> {
+        let time = match time {
+            None => self.begun.elapsed(),
+            Some(time) => Duration::try_from_secs_f64(time)
+                .map_err(|_| PyValueError::new_err("time is in seconds, and not below 0"))?,
+        };
+        let frame = Frame::new(frame, format)?;
+        let State { tracker, memory } = &mut *self.lock()?;
+        let samples = frame.samples(memory);
+        let picture = frame.picture(samples).map_err(|error| exception(&error))?;
+        let found = py.detach(|| Ok(tracker.process_all(&picture, time)?.cloned().collect::<Vec<_>>()));
+        let found = found.map_err(|error| exception(&error))?;
+        found.into_iter().map(|face| Face::new(py, face)).collect()
+    }
+
+    /// Takes the mean of faces at rest, which look at the camera, as the neutral face of the wearer.
+    fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
+        let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
+        self.lock()?.tracker.set_profile(&Profile { neutral: Some(neutral), ..Profile::default() });
+        Ok(())
+    }
+
+    /// Forgets all faces and what was learned of them.
+    fn reset(&self) -> PyResult<()> {
+        self.lock()?.tracker.reset();
+        Ok(())
+    }
+}
+
+impl FaceTracker {
+    /// A lock that waits would keep the interpreter from the thread that has it.
+    fn lock(&self) -> PyResult<std::sync::MutexGuard<'_, State>> {
+        let in_use =
+            |_| PyRuntimeError::new_err("another thread uses this tracker; give each thread a tracker of its own");
+        self.state.try_lock().map_err(in_use)
+    }
+}

@@ -1,0 +1,268 @@
+"""The promises of the Python package. FACEWIRE_GOLDEN names the folder that the example `golden` has written."""
+
+import csv
+import gc
+import os
+import pathlib
+import resource
+import subprocess
+import sys
+import threading
+import time
+import unittest
+
+import numpy
+
+import facewire
+
+GOLDEN = pathlib.Path(os.environ["FACEWIRE_GOLDEN"])
+FILM = numpy.fromfile(GOLDEN / "film.i422", numpy.uint8).reshape(-1, 960, 640)
+EXPECTED = numpy.fromfile(GOLDEN / "expected.f32", "<f4").reshape(len(FILM), -1)
+
+
+def bgr(number):
+    """Returns a frame of the clip in the order of OpenCV, converted as FFmpeg does it."""
+    luma = FILM[number][:480].astype(int)
+    cb, cr = FILM[number][480:].reshape(2, 480, 320).repeat(2, axis=2).astype(int) - 128
+    blue, green, red = luma + (14516 * cb >> 13), luma + (-2819 * cb >> 13) + (-5850 * cr >> 13), luma + (11485 * cr >> 13)
+    return numpy.stack([blue, green, red], axis=2).clip(0, 255).astype(numpy.uint8)
+
+
+def time_s(number):
+    """Returns the time of a frame at 30 frames a second, in whole microseconds as the service counts it."""
+    return number * 1_000_000 // 30 / 1_000_000
+
+
+PICTURE = bgr(0)
+
+
+def memory_mb():
+    """Returns the resident memory of this process."""
+    return int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+
+class Results(unittest.TestCase):
+    def test_all_values_are_those_of_the_rust_crate_to_the_last_bit(self):
+        tracker = facewire.FaceTracker()
+        for number, (picture, expected) in enumerate(zip(FILM, EXPECTED)):
+            face = tracker.process(picture, time_s(number), format="i422")
+            parts = [face.coefficients, face.rotation_xyzw, face.position_mm, face.landmarks.ravel()]
+            found = numpy.concatenate(parts).astype("<f4")
+            self.assertEqual(found.tobytes(), expected.tobytes(), number)
+
+    def test_coefficients_are_those_that_facewire_track_writes(self):
+        table = os.environ.get("FACEWIRE_TRACK_CSV")
+        if not table:
+            self.skipTest("there is no table by facewire track")
+        with open(table, newline="") as file:
+            rows = list(csv.DictReader(file))
+        self.assertGreaterEqual(len(rows), len(FILM))
+        for row, expected in zip(rows, EXPECTED):
+            wanted = [f"{value:.6f}" for value in expected[:52]]
+            self.assertEqual([row[name] for name in facewire.BLENDSHAPES], wanted, row["frame"])
+
+    def test_a_face_has_arrays_of_its_own_names_and_angles(self):
+        face = facewire.FaceTracker().process(PICTURE)
+        self.assertEqual((face.landmarks.shape, face.landmarks.dtype), ((478, 3), numpy.float32))
+        self.assertEqual((face.coefficients.shape, face.coefficients.dtype), ((52,), numpy.float32))
+        self.assertIs(face.landmarks, face.landmarks)
+        self.assertEqual(list(face.blendshapes), list(facewire.BLENDSHAPES))
+        self.assertEqual(face["jawOpen"], face.blendshapes["jawOpen"])
+        with self.assertRaises(KeyError):
+            face["smile"]
+        self.assertTrue(all(abs(angle) < 90 for angle in face.yaw_pitch_roll_deg))
+        face.landmarks[:] = 0
+        self.assertIn("Face", repr(face))
+
+    def test_any_strides_and_orders_of_one_picture_give_one_face(self):
+        import PIL.Image
+
+        wide = numpy.zeros((500, 700, 3), numpy.uint8)
+        wide[10:490, 20:660] = PICTURE
+        frozen = PICTURE.copy()
+        frozen.flags.writeable = False
+        rgb = numpy.ascontiguousarray(PICTURE[:, :, ::-1])
+        rgba = numpy.dstack([rgb, rgb[:, :, :1]])
+        given = {
+            "contiguous": (PICTURE, None),
+            "read-only": (frozen, None),
+            "part of a larger one": (wide[10:490, 20:660], None),
+            "column-major": (numpy.asfortranarray(PICTURE), None),
+            "upside down twice": (numpy.ascontiguousarray(PICTURE[::-1])[::-1], None),
+            "channels first": (numpy.ascontiguousarray(PICTURE.transpose(2, 0, 1)).transpose(1, 2, 0), None),
+            "turned channels": (rgb[:, :, ::-1], None),
+            "rgb": (rgb, "rgb"),
+            "rgba": (rgba, "rgb"),
+            "bgra": (numpy.dstack([PICTURE, PICTURE[:, :, :1]]), None),
+            "every second of twice as many": (PICTURE.repeat(2, axis=1)[:, ::2], None),
+            "subclass": (PICTURE.view(numpy.recarray), None),
+            "Pillow": (PIL.Image.fromarray(rgb), None),
+            "Pillow with alpha": (PIL.Image.fromarray(rgba), None),
+        }
+        wanted = facewire.FaceTracker(stills=True).process(PICTURE)
+        for name, (array, kind) in given.items():
+            face = facewire.FaceTracker(stills=True).process(array, format=kind)
+            self.assertEqual(face.landmarks.tobytes(), wanted.landmarks.tobytes(), name)
+        palette = PIL.Image.fromarray(rgb).convert("P")
+        self.assertIsNotNone(facewire.FaceTracker().process(palette))
+        self.assertIsNotNone(facewire.FaceTracker().process(PICTURE[:, :, 1]), "grey")
+
+    def test_several_faces_and_a_picture_without_any(self):
+        tracker = facewire.FaceTracker(max_faces=3, stills=True)
+        pair = numpy.hstack([PICTURE, bgr(len(FILM) - 1)])
+        faces = tracker.process_all(pair)
+        self.assertEqual(len({face.id for face in faces}), 2)
+        self.assertEqual(tracker.process_all(numpy.zeros_like(pair)), [])
+        self.assertIsNone(tracker.process(numpy.zeros_like(pair)))
+
+    def test_faces_at_rest_become_the_neutral_face(self):
+        tracker = facewire.FaceTracker()
+        faces = [tracker.process(PICTURE, 0.03 * number) for number in range(10)]
+        self.assertEqual(faces[0].neutral, "mean")
+        tracker.set_neutral(faces)
+        self.assertEqual(tracker.process(PICTURE, 1.0).neutral, "calibrated")
+        tracker.reset()
+        self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_a_film_is_tracked_by_whatever_decoder_there_is(self):
+        film = os.environ.get("FACEWIRE_FILM")
+        try:
+            import av  # noqa: F401
+        except ImportError:
+            try:
+                import cv2  # noqa: F401
+            except ImportError:
+                with self.assertRaises(facewire.FacewireError):
+                    list(facewire.track(film))
+                return
+        seen = [frame for frame, _ in zip(facewire.track(film, smoothing=False), range(20))]
+        self.assertEqual([frame.number for frame in seen], list(range(20)))
+        self.assertAlmostEqual(seen[15].time_s, 0.5, places=2)
+        for frame, expected in zip(seen, EXPECTED):
+            worst = numpy.abs(frame.face.landmarks - expected[59:].reshape(478, 3))[:, :2].max()
+            self.assertLess(worst, 1.5, "pixels, by another decoder")
+
+
+class Faults(unittest.TestCase):
+    def test_what_is_no_picture_is_an_exception(self):
+        huge = numpy.lib.stride_tricks.as_strided(PICTURE, (5000, 8000, 3), (0, 0, 1))
+        cases = [
+            (TypeError, None), (TypeError, "film.mp4"), (TypeError, [[1, 2], [3, 4]]), (TypeError, b"\0" * 300),
+            (TypeError, PICTURE.astype(numpy.float32)), (TypeError, numpy.full((480, 640, 3), numpy.nan)),
+            (TypeError, PICTURE.astype(numpy.int8)), (TypeError, PICTURE.astype(object)), (TypeError, PICTURE > 3),
+            (ValueError, numpy.zeros((), numpy.uint8)), (ValueError, PICTURE[0, 0]), (ValueError, PICTURE[None]),
+            (ValueError, numpy.zeros((0, 640, 3), numpy.uint8)), (ValueError, numpy.zeros((480, 0, 3), numpy.uint8)),
+            (ValueError, numpy.zeros((480, 640, 0), numpy.uint8)), (ValueError, numpy.zeros((480, 640, 5), numpy.uint8)),
+            (ValueError, PICTURE.transpose(2, 0, 1)), (ValueError, huge),
+            (ValueError, numpy.zeros((4097, 8, 3), numpy.uint8)),
+        ]
+        tracker = facewire.FaceTracker()
+        for wanted, given in cases:
+            with self.assertRaises(wanted):
+                tracker.process(given, 0.0)
+        for wanted, options in [(ValueError, {"format": "jpeg"}), (ValueError, {"format": "i420"}), (ValueError, {"time": -1.0}),
+                                (ValueError, {"time": float("nan")}), (ValueError, {"time": 1e300}), (TypeError, {"time": "now"})]:
+            with self.assertRaises(wanted, msg=str(options)):
+                tracker.process(PICTURE, **options)
+        self.assertIsNotNone(tracker.process(PICTURE, 0.0), "the tracker goes on")
+
+    def test_small_and_odd_pictures_do_no_harm(self):
+        tracker = facewire.FaceTracker(max_faces=2)
+        for height, width in [(1, 1), (1, 4096), (4096, 1), (3, 5), (129, 127)]:
+            self.assertIsNone(tracker.process(numpy.zeros((height, width, 3), numpy.uint8)))
+            self.assertIsNone(tracker.process(numpy.zeros((2 * height, 2 * width, 3), numpy.uint8)[::2, ::2][::-1])
+                              if 2 * max(height, width) <= 8192 else None)
+
+    def test_options_and_files_are_checked(self):
+        for wanted, options in [
+            (ValueError, {"max_faces": 0}), (ValueError, {"threads": 99}), (ValueError, {"neutral": "maybe"}),
+            (ValueError, {"horizontal_fov_deg": float("nan")}), (TypeError, {"unknown": 1}), (OverflowError, {"max_faces": -1}),
+            (facewire.FacewireError, {"profile": "/nonexistent.toml"}), (facewire.FacewireError, {"model": "/nonexistent.toml"}),
+            (facewire.FacewireError, {"networks": "/nonexistent"}),
+        ]:
+            with self.assertRaises(wanted, msg=str(options)):
+                facewire.FaceTracker(**options)
+        with self.assertRaises(FileNotFoundError):
+            facewire.track("/nonexistent.mp4")
+        with self.assertRaises(ValueError):
+            facewire.FaceTracker().set_neutral([])
+
+
+class Resources(unittest.TestCase):
+    def test_memory_does_not_grow_from_frame_to_frame(self):
+        tracker, small = facewire.FaceTracker(), numpy.ascontiguousarray(PICTURE[::2, ::2])
+        strided = PICTURE[::2, ::2]
+
+        def run(frames):
+            for number in range(frames):
+                self.assertIsNotNone(tracker.process(strided if number % 2 else small))
+                with self.assertRaises(ValueError):
+                    tracker.process(PICTURE[None])
+
+        frames = int(os.environ.get("FACEWIRE_LEAK_FRAMES", "400"))
+        run(100)
+        gc.collect()
+        before = memory_mb()
+        run(frames)
+        # A leak of the landmarks alone would be 2.3 MB in 400 frames.
+        self.assertLess(memory_mb() - before, 1.2)
+
+    def test_threads_with_a_tracker_each_find_the_same_and_one_tracker_serves_one_thread(self):
+        found, refused = [None] * 4, []
+
+        def run(place):
+            tracker = facewire.FaceTracker()
+            found[place] = [tracker.process(FILM[number], time_s(number), format="i422").coefficients.tobytes() for number in range(20)]
+
+        threads = [threading.Thread(target=run, args=(place,)) for place in range(4)]
+        [thread.start() for thread in threads]
+        [thread.join() for thread in threads]
+        self.assertEqual(found, [[row[:52].tobytes() for row in EXPECTED[:20]]] * 4)
+
+        shared = facewire.FaceTracker(max_faces=16)
+
+        def share():
+            for _ in range(200):
+                try:
+                    shared.process(PICTURE)
+                except RuntimeError:
+                    refused.append(True)
+
+        threads = [threading.Thread(target=share) for _ in range(2)]
+        [thread.start() for thread in threads]
+        [thread.join() for thread in threads]
+        self.assertTrue(refused, "two threads were in one tracker at the same time, or none waited")
+
+    def test_other_threads_run_while_a_picture_is_processed(self):
+        tracker, counted, stop = facewire.FaceTracker(max_faces=1), [0], threading.Event()
+
+        def count():
+            while not stop.is_set():
+                counted[0] += 1
+                time.sleep(0)
+
+        # A thread that wants the interpreter waits for this long, unless the one that has it lets go.
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(100.0)
+        thread = threading.Thread(target=count)
+        try:
+            thread.start()
+            before = counted[0]
+            tracker.process(PICTURE)
+            after = counted[0]
+            self.assertGreater(after, before)
+        finally:
+            sys.setswitchinterval(interval)
+            stop.set()
+            thread.join()
+
+    def test_the_package_needs_numpy_alone_and_is_typed(self):
+        code = "import sys, facewire; print([name for name in ('cv2', 'av', 'PIL', 'mediapipe') if name in sys.modules])"
+        printed = subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.PIPE, text=True).stdout
+        self.assertEqual(printed.strip(), "[]")
+        folder = pathlib.Path(facewire.__file__).parent
+        self.assertTrue((folder / "py.typed").exists() and (folder / "_facewire.pyi").exists())
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,135 @@
+"""Programs written for MediaPipe, and its own landmarks of the built-in clip (tests/golden)."""
+
+import os
+import pathlib
+import subprocess
+import sys
+import unittest
+
+import numpy
+
+import facewire.mediapipe_compat as mp
+from test_facewire import FILM, PICTURE, bgr
+
+THEIRS = pathlib.Path(os.environ["FACEWIRE_SOURCE"]) / "tests" / "golden" / "demo-landmarks.npy"
+# The bounds that tests/golden.rs has for the service, too.
+MEAN_PX, WORST_PX = 0.3, 1.5
+
+
+class FaceMesh(unittest.TestCase):
+    def test_landmarks_are_those_of_mediapipe_within_the_stated_bounds(self):
+        theirs = numpy.load(THEIRS) / 32
+        with mp.solutions.face_mesh.FaceMesh(max_num_faces=1, refine_landmarks=True) as mesh:
+            distances = []
+            for number in range(len(FILM)):
+                found = mesh.process(bgr(number)[:, :, ::-1]).multi_face_landmarks[0].landmark
+                if number % 8 == 0:
+                    ours = numpy.array([[point.x * 640, point.y * 480] for point in found])
+                    distances.append(numpy.hypot(*(ours - theirs[number // 8][:, :2]).T))
+        distances = numpy.array(distances)
+        print(f"\nFaceMesh: {distances.mean():.3f} px in the mean, {distances.max():.2f} at most, {len(distances)} frames")
+        self.assertLess(distances.mean(), MEAN_PX)
+        self.assertLess(distances.max(), WORST_PX)
+
+    def test_a_picture_without_a_face_and_an_array_that_is_none(self):
+        mesh = mp.solutions.face_mesh.FaceMesh(static_image_mode=True, min_detection_confidence=0.7)
+        self.assertIsNone(mesh.process(numpy.zeros((48, 64, 3), numpy.uint8)).multi_face_landmarks)
+        found = mesh.process(PICTURE[:, :, ::-1]).multi_face_landmarks
+        self.assertEqual(len(found[0].landmark), 468)
+        with self.assertRaises(ValueError):
+            mesh.process(PICTURE[:, :, 0])
+        mesh.close()
+        with self.assertRaises(ValueError):
+            mesh.process(PICTURE)
+
+    def test_faces_are_drawn(self):
+        try:
+            import cv2  # noqa: F401
+        except ImportError:
+            self.skipTest("OpenCV is not here")
+        face = mp.solutions.face_mesh.FaceMesh(refine_landmarks=True).process(PICTURE[:, :, ::-1]).multi_face_landmarks[0]
+        styles, drawn = mp.solutions.drawing_styles, PICTURE.copy()
+        for edges, style in [
+            (mp.solutions.face_mesh.FACEMESH_TESSELATION, styles.get_default_face_mesh_tesselation_style()),
+            (mp.solutions.face_mesh.FACEMESH_CONTOURS, styles.get_default_face_mesh_contours_style()),
+            (mp.solutions.face_mesh.FACEMESH_IRISES, styles.get_default_face_mesh_iris_connections_style()),
+        ]:
+            before = drawn.copy()
+            mp.solutions.drawing_utils.draw_landmarks(
+                image=drawn, landmark_list=face, connections=edges, landmark_drawing_spec=None, connection_drawing_spec=style
+            )
+            self.assertTrue((before != drawn).any())
+
+
+class FaceLandmarker(unittest.TestCase):
+    def options(self, mode="IMAGE", **more):
+        vision = mp.tasks.vision
+        return vision.FaceLandmarkerOptions(
+            base_options=mp.tasks.BaseOptions(model_asset_path="face_landmarker.task"),
+            running_mode=getattr(vision.RunningMode, mode), output_face_blendshapes=True,
+            output_facial_transformation_matrixes=True, **more,
+        )
+
+    def test_results_have_mediapipes_names_order_and_axes(self):
+        import facewire
+
+        with mp.tasks.vision.FaceLandmarker.create_from_options(self.options()) as landmarker:
+            image = mp.Image(image_format=mp.ImageFormat.SRGB, data=PICTURE[:, :, ::-1])
+            found = landmarker.detect(image)
+        self.assertEqual(len(found.face_landmarks[0]), 478)
+        shapes = found.face_blendshapes[0]
+        self.assertEqual([shape.index for shape in shapes], list(range(52)))
+        self.assertEqual([shapes[0].category_name, shapes[25].category_name, shapes[51].category_name], ["_neutral", "jawOpen", "noseSneerRight"])
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        for shape in shapes[1:]:
+            self.assertEqual(shape.score, face[shape.category_name])
+        (matrix,) = found.facial_transformation_matrixes
+        self.assertEqual(matrix.shape, (4, 4))
+        numpy.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, numpy.eye(3), atol=1e-5)
+        # A head before the camera is on its negative z axis, some decimetres away.
+        self.assertTrue(-200 < matrix[2, 3] < -10, matrix)
+        # The line from the right eye to the left one points along the head's x axis.
+        point = face.landmarks
+        across = (point[263] - point[33]) * [1, -1, -1]
+        self.assertGreater(across @ matrix[:3, 0] / numpy.linalg.norm(across), 0.98)
+        self.assertEqual(mp.tasks.vision.face_landmarker.Blendshapes.MOUTH_SMILE_LEFT, 44)
+
+    def test_films_and_cameras_go_by_their_times(self):
+        image = mp.Image(image_format=mp.ImageFormat.SRGB, data=PICTURE[:, :, ::-1])
+        film = mp.tasks.vision.FaceLandmarker.create_from_options(self.options("VIDEO"))
+        self.assertTrue(film.detect_for_video(image, 33).face_landmarks)
+        for wrong in (lambda: film.detect_for_video(image, 33), lambda: film.detect(image)):
+            with self.assertRaises(ValueError):
+                wrong()
+        called = []
+        live = self.options("LIVE_STREAM", result_callback=lambda result, image, time_ms: called.append((result, time_ms)))
+        mp.tasks.vision.FaceLandmarker.create_from_options(live).detect_async(image, 7)
+        self.assertEqual(called[0][1], 7)
+        with self.assertRaises(ValueError):
+            self.options("LIVE_STREAM")
+
+    def test_a_program_that_imports_mediapipe_in_many_ways_runs_after_install(self):
+        program = """
+import facewire.mediapipe_compat
+facewire.mediapipe_compat.install()
+import mediapipe as mp
+from mediapipe import solutions
+from mediapipe.framework.formats import landmark_pb2
+from mediapipe.python.solutions.face_mesh import FaceMesh
+from mediapipe.tasks import python
+from mediapipe.tasks.python import vision
+from mediapipe.tasks.python.vision.face_landmarker import FaceLandmarker
+import mediapipe.python.solutions.drawing_utils as drawing
+import numpy
+options = vision.FaceLandmarkerOptions(base_options=python.BaseOptions(model_asset_path="x"), num_faces=1)
+detector = vision.FaceLandmarker.create_from_options(options)
+assert not detector.detect(mp.Image(mp.ImageFormat.SRGB, numpy.zeros((9, 9, 3), numpy.uint8))).face_landmarks
+proto = landmark_pb2.NormalizedLandmarkList()
+proto.landmark.extend([landmark_pb2.NormalizedLandmark(x=1, y=2, z=3)])
+assert proto.landmark[0].y == 2
+"""
+        subprocess.run([sys.executable, "-c", program], check=True)
+
+
+if __name__ == "__main__":
+    unittest.main()

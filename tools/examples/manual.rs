@@ -1,9 +1,9 @@
 //! Writes the manual pages and shell completions of the programs into a folder, from the definitions of their arguments.
 
-#[path = "../../console/src/args.rs"]
-mod view;
 #[path = "../../bridge/src/args.rs"]
 mod bridge;
+#[path = "../../console/src/args.rs"]
+mod view;
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};

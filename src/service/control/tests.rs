@@ -545,7 +545,7 @@ fn a_camera_with_a_frame_in_two_seconds_is_soon_known_to_be_slow_and_a_silent_on
     // Asks as the service does, several times between two frames. Returns the seconds in which a picture was missed.
     let mut missed = |period_s, seconds: std::ops::Range<u64>| -> Vec<u64> {
         let is_missed = |second: &u64| {
-            let is_frame = period_s > 0 && second % period_s == 0;
+            let is_frame = period_s > 0 && second.is_multiple_of(period_s);
             let frame = Observation { time_us: second * 1_000_000, sight: Err(Refusal::NoFace) };
             let now_us = second * 1_000_000 + 1000;
             guiding.step(&mut client, is_frame.then_some(&frame), now_us).unwrap();

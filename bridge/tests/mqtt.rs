@@ -162,6 +162,24 @@ fn an_hour_without_the_broker_takes_no_memory_and_then_everything_is_there_again
 }
 
 #[test]
+fn a_broker_that_hangs_is_left_takes_no_memory_and_is_there_again_once_it_answers() {
+    let Some(broker) = Broker::start() else { return };
+    let mut bridge = Bridge::start(&["--mqtt", &broker.address(), "--mqtt-stream", "60"]);
+    bridge.program.wait_for_text("connected to the broker");
+    let _guard = sending((1..=50).map(|last| bridge.board(last)).collect());
+    bridge.program.wait_for_text("board_127_0_1_50 is new");
+    bridge.program.read_for(Duration::from_secs(1));
+    let before = bridge.program.resident_kb();
+    broker.signal("STOP");
+    bridge.program.wait_for_text("no broker at");
+    let after = bridge.program.resident_kb();
+    assert!(after < before + 4000, "{before} kB before, {after} kB after");
+    broker.signal("CONT");
+    bridge.program.wait_for_text("connected to the broker");
+    broker.subscribe("facewire/board_127_0_1_50/face").wait_for_text("/face ON");
+}
+
+#[test]
 fn the_end_is_told_by_sigterm_itself_and_after_a_kill_by_the_will() {
     let Some(broker) = Broker::start() else { return };
     for signal in ["TERM", "INT", "KILL"] {

@@ -220,6 +220,10 @@ impl Broker {
         }
     }
 
+    pub fn signal(&self, name: &str) {
+        self.program.as_ref().unwrap().signal(name);
+    }
+
     pub fn go(&mut self) {
         self.program = None;
     }

@@ -9,7 +9,7 @@ import { get, hasService, mayOperate, store, update, useStore } from "./store.js
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 
 const STATUS_PERIOD_MS = 250;
-export const BOARDS = ["maestro", "pca9685"];
+export const BOARDS = ["maestro", "pca9685", "bus-servo"];
 const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
@@ -18,12 +18,24 @@ const DEFAULTS = {
   offset: 0,
   pulse_at_0_us: 1000,
   pulse_at_1_us: 2000,
+  position_at_0: 0,
+  position_at_1: 0,
   neutral: -1,
   speed_per_s: 0,
   acceleration_per_s2: 0,
   dead_zone: 0,
   loss: "neutral",
 };
+
+const isBus = (link) => link.kind === "bus-servo";
+
+// The ends of a new bus servo: close to the middle, so that it moves little before its ends are set.
+function firstEnds(link) {
+  const isNarrow = ["dynamixel-ax", "feetech-scs"].includes(link.family);
+  const [degrees, steps] = isNarrow ? [300, 1024] : [360, 4096];
+  const middle = (link.unit === "degrees" ? degrees : steps) / 2;
+  return [Math.round(0.98 * middle), Math.round(1.02 * middle)];
+}
 
 export function Servos() {
   const { status } = useStore();
@@ -75,25 +87,32 @@ export function Servos() {
 
 function Board({ index, link, drive, live }) {
   const channels = link.channel ?? [];
-  const free = [...Array(24).keys()].find((number) => !channels.some(({ channel }) => (channel ?? 0) === number));
+  const numbers = isBus(link) ? [...Array(253).keys()].slice(1) : [...Array(24).keys()];
+  const free = numbers.find((number) => !channels.some(({ channel }) => (channel ?? 0) === number));
+  const path = `link.${index}.channel.${channels.length}`;
+  const [at0, at1] = firstEnds(link);
   const add = () =>
     change({
-      [`link.${index}.channel.${channels.length}.channel`]: free,
-      [`link.${index}.channel.${channels.length}.sources`]: {},
+      [`${path}.channel`]: free,
+      [`${path}.sources`]: {},
+      ...(isBus(link) && { [`${path}.position_at_0`]: at0, [`${path}.position_at_1`]: at1 }),
     });
   return html`<section class="board" aria-label=${live?.name ?? link.kind}>
     <h3>${live?.name ?? link.kind} ${live && html`<small
       class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
     ${live?.trouble && html`<${Trouble}>${live.trouble}<//>`}
     ${channels.map(
-      (channel, k) => html`<${Channel} key=${k} place=${[index, k]} channel=${channel} drive=${drive}
+      (channel, k) => html`<${Channel} key=${k} place=${[index, k]} board=${link} channel=${channel} drive=${drive}
       live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`,
     )}
     ${free !== undefined && html`<${Action} run=${add}>Add a channel<//>`}
   </section>`;
 }
 
-function Channel({ place: [link, k], channel, drive, live }) {
+function Channel({ place: [link, k], board, channel, drive, live }) {
+  const [end0, end1] = isBus(board) ? ["position_at_0", "position_at_1"] : ["pulse_at_0_us", "pulse_at_1_us"];
+  const unit = isBus(board) ? (board.unit ?? "steps") : "µs";
+  const bounds = isBus(board) ? { min: 0, max: 4095, step: "any" } : { min: 64, max: 4080, step: 1 };
   const settings = { ...DEFAULTS, ...channel };
   const number = channel.channel ?? 0;
   const [jog, setJog] = useState();
@@ -104,8 +123,8 @@ function Channel({ place: [link, k], channel, drive, live }) {
   const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
   // The service moves within the ends that it knows, whatever ends wait to be kept.
   const used = { ...DEFAULTS, ...draft.used.link?.[link]?.channel?.find((other) => (other.channel ?? 0) === number) };
-  const pulse = Math.round(used.pulse_at_0_us + position * (used.pulse_at_1_us - used.pulse_at_0_us));
-  const place = (pulse - settings.pulse_at_0_us) / (settings.pulse_at_1_us - settings.pulse_at_0_us || 1);
+  const pulse = Math.round(used[end0] + position * (used[end1] - used[end0]));
+  const place = (pulse - settings[end0]) / (settings[end1] - settings[end0] || 1);
   const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
   const move = (event) => {
     setJog(Number(event.target.value));
@@ -119,14 +138,14 @@ function Channel({ place: [link, k], channel, drive, live }) {
     <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live}
       onInput=${move}
       aria-label=${`Move channel ${number}`}
-        aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} microseconds`} />
+        aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
     <${Progress} target=${live?.target} position=${live?.position} />
     <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>pulse <b>${live ? (live.pulse_us === null ? "none" : `${live.pulse_us} µs`) : "–"}</b></span></p>
+      <span>${isBus(board) ? "at" : "pulse"} <b>${live ? (live.pulse_us === null ? "none" : `${live.pulse_us} ${isBus(board) ? "steps" : "µs"}`) : "–"}</b></span></p>
     <div class="row">
-      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_0_us", pulse)}
+      <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
         label=${`Set end 0 here, channel ${number}`}>Set end 0 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set("pulse_at_1_us", pulse)}
+      <${Action} disabled=${jog === undefined} run=${() => set(end1, pulse)}
         label=${`Set end 1 here, channel ${number}`}>Set end 1 here<//>
       <${Action} disabled=${jog === undefined} run=${() => set("neutral", rest)}
         label=${`Set rest here, channel ${number}`}>Set rest here<//>
@@ -135,12 +154,12 @@ function Channel({ place: [link, k], channel, drive, live }) {
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
-        <${Number1} label="Channel on the board" value=${number} min="0" max="23" step="1"
+        <${Number1} label="Channel on the board" value=${number} min="0" max=${isBus(board) ? 252 : 23} step="1"
           set=${(value) => set("channel", value)} />
-        <${Number1} label="Pulse at end 0 (µs)" value=${settings.pulse_at_0_us} min="64" max="4080" step="1"
-          set=${(value) => set("pulse_at_0_us", value)} />
-        <${Number1} label="Pulse at end 1 (µs)" value=${settings.pulse_at_1_us} min="64" max="4080" step="1"
-          set=${(value) => set("pulse_at_1_us", value)} />
+        <${Number1} label=${`${isBus(board) ? "Place" : "Pulse"} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
+          set=${(value) => set(end0, value)} />
+        <${Number1} label=${`${isBus(board) ? "Place" : "Pulse"} at end 1 (${unit})`} value=${settings[end1]} ...${bounds}
+          set=${(value) => set(end1, value)} />
         <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" value=${settings.neutral} min="-1" max="1"
           step="0.01" set=${(value) => set("neutral", value)} />
         <${Number1} label="Highest speed (1/s, 0: no limit)" value=${settings.speed_per_s} min="0" max="100" step="0.1"
@@ -152,7 +171,7 @@ function Channel({ place: [link, k], channel, drive, live }) {
         <label>Without a face
           <select value=${settings.loss} disabled=${!mayOperate()}
             onChange=${(event) => set("loss", event.target.value)}>
-            <option value="neutral">stay at rest</option><option value="release">no pulses</option>
+            <option value="neutral">stay at rest</option><option value="release">${isBus(board) ? "no torque" : "no pulses"}</option>
           </select>
         </label>
       </div>

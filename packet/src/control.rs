@@ -210,7 +210,7 @@ pub struct ChannelStatus {
     pub target: Option<f32>,
     /// Where it is by now if it keeps its limits, from 0 to 1.
     pub position: Option<f32>,
-    /// None without pulses.
+    /// None without pulses. Of a bus servo, its place in steps, and none without torque.
     pub pulse_us: Option<f32>,
 }
 

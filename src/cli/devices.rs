@@ -101,7 +101,6 @@ impl Port {
         let kind = match board {
             Some(AutoDevice::Maestro) => is_first.then_some("maestro"),
             Some(AutoDevice::Microcontroller) => Some("serial"),
-            // Never chosen by itself.
             Some(AutoDevice::BusServos) | None => None,
         };
         let usb = usb.map(|usb| [usb.vid, usb.pid].map(|number| format!("{number:04x}")));

@@ -78,6 +78,7 @@ enum Command {
         settings_only: bool,
     },
     /// Take torque and pulses from bus servos and servos of a PCA9685, which keep them when the service is killed.
+    #[command(after_help = "Example:\n  facewire rest --config facewire.toml      does no harm at any time")]
     Rest(SettingsArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]

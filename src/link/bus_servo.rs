@@ -23,8 +23,9 @@ use crate::retry::LoggedReasons;
 
 /// The longest message of 30 servos at the usual 1,000,000 baud takes 4 ms.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(10);
-const LONGEST_WAY_TO_REST: Duration = Duration::from_secs(1);
 const STEP: Duration = Duration::from_millis(20);
+/// How long servos have for their way to rest when the line is closed: a second.
+const STEPS_TO_REST: usize = 50;
 
 pub struct Servos {
     pub settings: BusServoSettings,
@@ -50,8 +51,9 @@ impl Device for Servos {
         let device = PortSearch::new(device, AutoDevice::BusServos).find()?;
         let (_claim, tty) = (PortClaim::acquire(&device)?, open_port(&device, *baud, WRITE_TIMEOUT)?);
         tracing::info!("link opened: {} at {baud} baud", device.display());
-        let late = latency_remedy(&root(), &device);
-        late.iter().for_each(|late| tracing::warn!("link {}: {late}", device.display()));
+        if let Some(late) = latency_remedy(&root(), &device) {
+            tracing::warn!("link {}: {late}", device.display());
+        }
         let line = Line::new(*family, *unit, *baud, channels, &self.panel.dials);
         let (message, told, logged, panel) =
             (Vec::new(), String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
@@ -78,8 +80,11 @@ pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
 }
 
 impl Port {
-    /// Moves the servos on, unless the line still carries the last message.
+    /// Moves the servos on, unless the system or the line still has the last message.
     fn step(&mut self, packet: &Packet) -> io::Result<bool> {
+        if self.tty.bytes_to_write().is_ok_and(|unsent| unsent > 0) {
+            return Ok(false);
+        }
         let mut input = [0; 1024];
         let waiting = input.get_mut(..(self.tty.bytes_to_read()? as usize).min(1024)).unwrap_or_default();
         self.tty.read_exact(waiting)?;
@@ -105,13 +110,17 @@ impl Port {
 
 impl Drop for Port {
     fn drop(&mut self) {
-        let end = Instant::now() + LONGEST_WAY_TO_REST;
-        while !self.line.is_at_rest() && Instant::now() < end {
+        for _ in 0..STEPS_TO_REST {
+            thread::sleep(STEP);
             if self.step(&Packet::NEUTRAL).is_err() {
                 return;
             }
-            thread::sleep(STEP);
+            if self.line.is_at_rest() {
+                break;
+            }
         }
+        // The answer to the last question must not meet what takes the torque.
+        thread::sleep(STEP);
         self.message.clear();
         self.line.release(&mut self.message);
         let _ = self.tty.write(&self.message);

@@ -317,16 +317,10 @@ mod tests {
             (&[BUS, SERVO], ""),
             (
                 &[BUS, "baud = 9600\n", SERVO],
-                "link.baud = 9600: give 57600 or more, or pace = \"rate\" and rate_hz = 11: 50 p",
+                "link.baud = 9600: give 57600 or more, or pace = \"rate\" and rate_hz = 11:",
             ),
-            (
-                &[BUS, "pace = \"pose\"\n", SERVO],
-                "link.pace = another pace: give \"rate\" for these servos: their speed",
-            ),
-            (
-                &[&BUS.replace("/dev/ttyUSB0", "auto"), SERVO],
-                "link.device = \"auto\": give the path of the adapter's port",
-            ),
+            (&[BUS, "pace = \"pose\"\n", SERVO], "link.pace = another pace: give \"rate\" for these servos:"),
+            (&[&BUS.replace("/dev/ttyUSB0", "auto"), SERVO], "link.device = \"auto\": give the path of the ad"),
             (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
             (&[MAESTRO, JAW, MAESTRO, JAW], "link.device = \"auto\": give another port, or remove this link"),
             (&[SERIAL, acm0, SERIAL], "link.device = \"auto\": give the path of a port, or remove this link"),

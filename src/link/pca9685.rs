@@ -2,7 +2,7 @@
 //!
 //! Role: for each packet of the link, the thread of the chip moves all channels by a step.
 //! Limits: when the service stops, a slow servo may stop on its way to neutral. If the machine crashes, the chip repeats its
-//! last pulses until its power is cut.
+//! last pulses until its power is cut; if the service crashes, until `facewire rest`.
 
 use std::fmt::Display;
 use std::fs::File;

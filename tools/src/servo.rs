@@ -126,9 +126,7 @@ impl ServoArgs {
             });
         }
         let kinds = settings.links.iter().map(|link| &link.kind);
-        let found = kinds
-            .clone()
-            .find(|kind| matches!(kind, LinkKind::Maestro(_) | LinkKind::Pca9685(_) | LinkKind::BusServo(_)));
+        let found = kinds.clone().find(|kind| kind.channels().is_some() && kind.universe().is_none());
         found.cloned().unwrap_or_else(|| LinkKind::Maestro(MaestroSettings::default()))
     }
 }

@@ -5,7 +5,7 @@
 mod common;
 
 use std::fs;
-use std::io::{Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -222,4 +222,16 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
     eventually("the end", || child.try_wait().unwrap().is_some());
     bus.await_state(&[false], &[1003.0]);
     assert!(bus.lock().servos[0].fastest <= 60.0 / 300.0 * 1023.0 + 1.0);
+}
+
+#[test]
+fn a_scan_lists_the_servos_of_a_line_and_moves_none() {
+    let bus = Bus::plugged_in("feetech-sts", &[2, 5]);
+    let mut command = facewire(["devices", "--scan", text(&bus.device)]);
+    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines().take(2).map(Result::unwrap);
+    let want = [2, 5].map(|id| format!("servo {id} at 1000000 baud: model 777, family = \"feetech-sts\""));
+    assert_eq!(lines.collect::<Vec<_>>(), want);
+    child.kill().and_then(|()| child.wait()).unwrap();
+    assert!(bus.lock().written.is_empty() && bus.lock().strange.is_empty());
 }

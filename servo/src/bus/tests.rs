@@ -154,6 +154,12 @@ fn every_frame_equals_the_vectors_of_the_makers() {
     Protocol::One.write_read(1, Block(56, 2), &mut one);
     assert_eq!(two, bytes("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"));
     assert_eq!(one, bytes("FF FF 01 04 02 38 02 BE"));
+    // A goal is within the limits of the servo, which are 16 and 4095 here.
+    for (steps, place) in [(9999.0, [0xFF, 0x0F]), (f32::INFINITY, [0xFF, 0x0F]), (-5.0, [16, 0]), (f32::NAN, [16, 0])]
+    {
+        let goal = moved(Sts, 1, steps, 0.0, 0.0, 4);
+        assert_eq!(all(Sts, &[goal])[9..11], place, "{steps}");
+    }
     // The same speed is another number in the coarse unit.
     let (_, coarse) = moved(Sts, 1, 0.0, 600.0, 0.0, 0);
     assert_eq!(all(Sts, &[(1, coarse)])[13..15], [12, 0]);
@@ -240,9 +246,21 @@ fn without_a_face_servos_go_to_rest_and_stay_or_have_no_torque_and_an_operator_t
         rig.state = State::Live;
         rig.run(3.0);
         assert_eq!((rig.torques(), rig.positions()), (vec![true; 3], vec![700.0, 300.0, 700.0]));
+        // What is held fast on its way to rest has torque for a second.
+        (rig.bus.servos[1].motor, rig.state) = (0.0, State::Neutral);
+        rig.run(0.8);
+        assert!(rig.torques()[1]);
+        rig.run(0.4);
+        assert!(!rig.torques()[1]);
+        (rig.bus.servos[1].motor, rig.state) = (5000.0, State::Live);
+        rig.run(3.0);
+        // In mid move, all at once.
+        rig.jaw_open = 0.0;
+        rig.run(0.2);
         rig.operator.is_released.store(true, Relaxed);
-        rig.run(0.1);
-        assert_eq!(rig.torques(), [false; 3]);
+        rig.step();
+        assert!(rig.torques() == [false; 3] && (301.0..699.0).contains(&rig.positions()[0]));
+        rig.jaw_open = 1.0;
         // Somebody turns it, and it begins there.
         rig.bus.servos[2].position = 400.0;
         rig.run(1.0);
@@ -318,18 +336,24 @@ fn answers_that_are_lost_or_late_now_and_then_change_nothing() {
 #[test]
 fn a_servo_that_lost_its_power_in_mid_move_begins_again_where_it_stands() {
     for kind in KINDS {
-        let mut rig = Rig::of_three(kind);
+        let servo = |id| ChannelSettings { speed_per_s: if id == 1 { 0.5 } else { 0.0 }, ..channel(id, 300.0, 700.0) };
+        let mut rig = Rig::new(kind, &(1..=12).map(servo).collect::<Vec<_>>());
         rig.run(4.0);
         rig.jaw_open = 1.0;
         rig.run(0.5);
-        let servo = &mut rig.bus.servos[0];
-        let before = servo.position;
+        let before = rig.positions()[0];
         assert!((350.0..450.0).contains(&before), "{before}");
-        servo.fastest = 0.0;
-        rig.restart(0);
-        rig.run(4.0);
-        assert_eq!((rig.positions()[0], rig.line.troubles()), (700.0, String::new()));
-        assert!(rig.bus.servos[0].fastest <= 201.0, "{}", rig.bus.servos[0].fastest);
+        // The second one has no limit of its own.
+        rig.jaw_open = 0.0;
+        for index in [0, 1] {
+            rig.bus.servos[index].fastest = 0.0;
+            rig.restart(index);
+        }
+        rig.run(5.0);
+        assert_eq!((&rig.positions()[..2], rig.line.troubles()), (&[300.0, 300.0][..], String::new()), "{kind:?}");
+        let slow = f64::from(START_DEGREES_PER_S / kind.family().degrees_per_step);
+        let fastest = [0, 1].map(|index: usize| rig.bus.servos[index].fastest);
+        assert!(fastest[0] <= 201.0 && fastest[1] <= slow + SLACK, "{kind:?}: {fastest:?}");
     }
 }
 

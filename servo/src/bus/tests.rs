@@ -277,28 +277,20 @@ fn without_a_face_servos_go_to_rest_and_stay_or_have_no_torque_and_an_operator_t
 fn a_servo_that_is_missing_twice_there_damaged_or_refused_is_told_and_left_without_torque_while_others_move() {
     let twice: fn(&mut Rig) = |rig| rig.bus.plug_in(2, rig.now);
     let set = |address: usize, byte: u8| move |rig: &mut Rig| rig.bus.servos[1].registers[address] = byte;
+    let never: fn(&mut Rig) = |rig| rig.bus.servos[1].answers = Answers::Never;
+    let damaged: fn(&mut Rig) = |rig| rig.bus.servos[1].answers = Answers::Damaged;
+    let unlimited: fn(&mut Rig) = |rig| rig.bus.servos[1].registers[9..13].fill(0);
+    use Kind::{DynamixelAx as Ax, DynamixelMx as Mx, DynamixelX as X, FeetechScs as Scs, FeetechSts as Sts};
     let cases: [(Kind, &dyn Fn(&mut Rig), &str); 9] = [
-        (
-            Kind::DynamixelX,
-            &|rig| rig.bus.servos[1].answers = Answers::Never,
-            "servo 2: it does not answer: check its power",
-        ),
-        (
-            Kind::FeetechSts,
-            &|rig| rig.bus.servos[1].answers = Answers::Damaged,
-            "servo 2: its answers are damaged: check",
-        ),
-        (Kind::DynamixelX, &twice, "servo 2: two servos have this number: unplug one"),
-        (Kind::FeetechScs, &twice, "servo 2: two servos have this number: unplug one"),
-        (Kind::FeetechSts, &set(2, 1), "servo 2: its numbers begin with the high byte: set family = \"feetech-scs\""),
-        (Kind::DynamixelX, &set(11, 1), "servo 2: set its operating mode to position control, with the maker's"),
-        (Kind::DynamixelAx, &set(0, 29), "servo 2: its model 29 is not one of dynamixel-ax: set another family"),
-        (Kind::DynamixelMx, &set(9, 0), "servo 2: an end is at 700 steps, but the servo allows 0 to 255: change the"),
-        (
-            Kind::FeetechScs,
-            &|rig| rig.bus.servos[1].registers[9..13].fill(0),
-            "servo 2: its limits are 0 and 0: set it to",
-        ),
+        (X, &never, "servo 2: it does not answer: check its power"),
+        (Sts, &damaged, "servo 2: its answers are damaged: check"),
+        (X, &twice, "servo 2: two servos have this number: unplug one"),
+        (Scs, &twice, "servo 2: two servos have this number: unplug one"),
+        (Sts, &set(2, 1), "servo 2: its numbers begin with the high byte: set family = \"feetech-scs\""),
+        (X, &set(11, 1), "servo 2: set its operating mode to position control, with the maker's"),
+        (Ax, &set(0, 29), "servo 2: its model 29 is not one of dynamixel-ax: set another family"),
+        (Mx, &set(9, 0), "servo 2: an end is at 700 steps, but the servo allows 0 to 255: change the"),
+        (Scs, &unlimited, "servo 2: its limits are 0 and 0: set it to"),
     ];
     for (kind, fault, want) in cases {
         // From the beginning, and while it moves.
@@ -464,19 +456,7 @@ fn a_busy_line_gets_nothing_and_then_the_newest_goal() {
 fn whatever_settings_and_answers_say_only_goals_within_the_limits_torque_and_watchdog_are_written() {
     let mut random = fastrand::Rng::with_seed(25);
     let wild = |random: &mut fastrand::Rng| {
-        let values = [
-            f32::NAN,
-            f32::INFINITY,
-            f32::NEG_INFINITY,
-            -1e30,
-            1e30,
-            -1.0,
-            5000.0,
-            0.0,
-            1023.0,
-            4095.0,
-            random.f32() * 4095.0,
-        ];
+        let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1.0, 5000.0, 1023.0, random.f32() * 4095.0];
         values[random.usize(..values.len())]
     };
     for round in 0..300 {

@@ -23,6 +23,7 @@ use facewire::config;
 use facewire::link::{Link, Output, Pose, Traffic};
 use facewire_packet::{Reason, State};
 use facewire_servo::bus::simulator::{Simulator, Written};
+use facewire_servo::finder::{Finder, Press};
 use rustix::fs::fcntl_setfl;
 use rustix::process::Signal;
 
@@ -234,4 +235,17 @@ fn a_scan_lists_the_servos_of_a_line_and_moves_none() {
     assert_eq!(lines.collect::<Vec<_>>(), want);
     child.kill().and_then(|()| child.wait()).unwrap();
     assert!(bus.lock().written.is_empty() && bus.lock().strange.is_empty());
+}
+
+#[test]
+fn the_lines_of_a_servo_whose_ends_were_found_load_as_settings() {
+    for (kind, is_bus) in [("maestro", false), ("pca9685", false), ("bus-servo", true)] {
+        let mut finder = Finder::new(1500.0, 100.0, [500.0, 2500.0], is_bus);
+        let up = Press::Move(5.0);
+        for key in [up, Press::Neutral, up, Press::End(0), Press::Move(-5.0), Press::End(1)] {
+            finder.press(key);
+            let text = format!("[[link]]\nkind = \"{kind}\"\n{}", finder.lines(3));
+            assert!(config::parse("test", &text).is_ok(), "{text}");
+        }
+    }
 }

@@ -188,9 +188,10 @@ impl FaceTracker {
 }
 
 impl Seat {
-    /// How far a region is from where this seat last saw a face. A seat that saw none is farther than all others.
+    /// The square of how far a region is from where this seat last saw a face. A seat that saw none is farther than all others.
     fn distance(&self, region: &FaceBox) -> f32 {
-        let away = |last: FaceBox| (last.centre[0] - region.centre[0]).hypot(last.centre[1] - region.centre[1]);
+        let away =
+            |last: FaceBox| (last.centre[0] - region.centre[0]).powi(2) + (last.centre[1] - region.centre[1]).powi(2);
         self.last.map_or(f32::INFINITY, away)
     }
 

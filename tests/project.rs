@@ -208,7 +208,7 @@ impl Rehearsal {
         let rehearsal = Self { folder: tempfile::tempdir().unwrap(), _alone: alone() };
         let programs = "programs/cargo programs/rustfmt programs/shellcheck programs/qemu-aarch64 scripts/setup cross/setup \
                         cross/count cross/test scripts/package packaging/check packaging/try tests/guest/arm64 \
-                        tests/guest/setup tests/guest/cameras tests/guest/console tests/guest/run";
+                        tests/guest/setup tests/guest/cameras tests/guest/console tests/guest/run python/test";
         programs.split(' ').for_each(|program| rehearsal.replace(program, ""));
         rehearsal.replace("programs/uname", "echo x86_64");
         fs::copy(project("scripts/test"), rehearsal.folder.path().join("scripts/test")).unwrap();
@@ -255,7 +255,7 @@ fn all_passed_is_said_only_if_nothing_was_skipped_and_what_was_is_listed_with_it
 fn a_step_that_fails_ends_the_run_without_a_verdict() {
     let rehearsal = Rehearsal::new();
     let steps = "programs/cargo programs/shellcheck scripts/setup cross/setup cross/count scripts/package packaging/check \
-                 packaging/try tests/guest/setup tests/guest/run";
+                 packaging/try tests/guest/setup tests/guest/run python/test";
     for file in steps.split(' ') {
         rehearsal.replace(file, "exit 3");
         let run = rehearsal.run(&[]);

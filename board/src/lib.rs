@@ -1,6 +1,6 @@
 //! The board: which one it is, its identifier, and what the kernel tells of its temperature, supply voltage and clock rates.
-//! It also describes serial ports, what makes tracking poor, on the board or in front of the camera, and a name server out of reach, with
-//! the remedies.
+//! It also describes serial ports, what makes tracking poor, on the board or in front of the camera, and a name server out of
+//! reach, with the remedies.
 //!
 //! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
 //! All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:

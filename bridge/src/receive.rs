@@ -2,15 +2,15 @@
 
 use std::{
     io,
-    net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket},
+    net::{IpAddr, SocketAddr, UdpSocket},
     sync::Arc,
     thread,
     time::{Duration, Instant},
 };
 
-use facewire_packet::PACKET_BYTES;
+use facewire_packet::{PACKET_BYTES, udp};
 use nix::net::if_::if_nametoindex;
-use socket2::{Domain, InterfaceIndexOrAddress, Protocol, Socket, Type};
+use socket2::SockRef;
 
 use crate::{
     Failure,
@@ -58,35 +58,9 @@ pub fn start(settings: &Settings, shared: Arc<Shared>) -> Result<(), Failure> {
 /// Binds the port and joins the group, if the address is one.
 fn bind(address: SocketAddr, interface: Option<&str>) -> io::Result<UdpSocket> {
     let index = interface.map_or(Ok(0), if_nametoindex)?;
-    bound(address, index).or_else(|error| {
-        // Without IPv6, the unspecified address means that of IPv4.
-        let is_any = address.is_ipv6() && address.ip().is_unspecified();
-        if is_any && error.raw_os_error() == Some(nix::libc::EAFNOSUPPORT) {
-            bound((Ipv4Addr::UNSPECIFIED, address.port()).into(), index)
-        } else {
-            Err(error)
-        }
-    })
-}
-
-fn bound(address: SocketAddr, interface: u32) -> io::Result<UdpSocket> {
-    let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
-    if address.is_ipv6() {
-        socket.set_only_v6(!address.ip().is_unspecified())?;
-    }
-    // Each member of a group on this machine gets every datagram. Without a group, a second program on the port would take
-    // the packets away from the first.
-    socket.set_reuse_address(address.ip().is_multicast())?;
-    socket.set_recv_buffer_size(BUFFER_BYTES)?;
-    socket.bind(&address.into())?;
-    match address.ip() {
-        IpAddr::V4(group) if group.is_multicast() => {
-            socket.join_multicast_v4_n(&group, &InterfaceIndexOrAddress::Index(interface))?;
-        }
-        IpAddr::V6(group) if group.is_multicast() => socket.join_multicast_v6(&group, interface)?,
-        _ => {}
-    }
-    Ok(socket.into())
+    let socket = udp::bind(address, index)?;
+    SockRef::from(&socket).set_recv_buffer_size(BUFFER_BYTES)?;
+    Ok(socket)
 }
 
 /// Reads datagrams until the socket fails, and returns why.

@@ -37,6 +37,8 @@ mod receiver;
 mod state;
 #[cfg(feature = "std")]
 mod tally;
+#[cfg(feature = "udp")]
+pub mod udp;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;

@@ -212,7 +212,7 @@ impl Line {
         match self.asked {
             Some(Question(index, block, _)) if is_of(index) && data.len() == usize::from(block.1) => {
                 if let Some(servo) = self.servos.get_mut(index) {
-                    servo.registers.iter_mut().skip(block.0.into()).zip(data).for_each(|(to, from)| *to = *from);
+                    block.store(data, &mut servo.registers);
                 }
                 (self.asked, self.answered) = (None, Some(index));
                 self.answer(index, error);

@@ -44,13 +44,13 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             LinkKind::Pca9685(it) => {
                 check.chip(it);
                 check.servos(&Ability::pca9685(it.period()), &it.channels);
-                check.even();
+                check.needs_even_steps("PCA9685");
             }
             LinkKind::BusServo(it) => {
                 let expected = "the path of the adapter's port, because anything may be connected to such an adapter";
                 check.need(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
                 check.servos(&Ability::bus_servo(it.family, it.unit), &it.channels);
-                check.even();
+                check.needs_even_steps("bus servo");
             }
             LinkKind::Sacn(SacnSettings { universe, from, channels, .. })
             | LinkKind::ArtNet(ArtNetSettings { universe, from, channels, .. }) => {
@@ -147,8 +147,8 @@ impl Check<'_> {
         self.channels(board, channels);
     }
 
-    fn even(&mut self) {
-        let expected = "\"rate\" for these servos: their speed limits are kept by even steps";
+    fn needs_even_steps(&mut self, board: &str) {
+        let expected = format!("\"rate\" for a {board}: its speed limits are kept by even steps");
         self.need(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
     }
 
@@ -312,14 +312,14 @@ mod tests {
             (&[MAESTRO, &channel_16], ""),
             (&[MAESTRO, "multiple_targets = true\n", JAW, "pulse_at_1_us = 4080\n"], ""),
             (&[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"], "link.channel.pulse_at_0_us = 2600: give"),
-            (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for these servos"),
+            (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for a PCA9685"),
             (&[MAESTRO, "loss = \"silent\"\n", JAW], "link.loss = \"silent\": give \"neutral\" or \"hold\" for a"),
             (&[BUS, SERVO], ""),
             (
                 &[BUS, "baud = 9600\n", SERVO],
                 "link.baud = 9600: give 57600 or more, or pace = \"rate\" and rate_hz = 11:",
             ),
-            (&[BUS, "pace = \"pose\"\n", SERVO], "link.pace = another pace: give \"rate\" for these servos:"),
+            (&[BUS, "pace = \"pose\"\n", SERVO], "link.pace = another pace: give \"rate\" for a bus servo:"),
             (&[&BUS.replace("/dev/ttyUSB0", "auto"), SERVO], "link.device = \"auto\": give the path of the ad"),
             (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
             (&[MAESTRO, JAW, MAESTRO, JAW], "link.device = \"auto\": give another port, or remove this link"),

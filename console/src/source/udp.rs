@@ -2,14 +2,13 @@
 
 use std::{
     io,
-    net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket},
+    net::{SocketAddr, UdpSocket},
     thread,
     time::Duration,
 };
 
-use facewire_packet::{PACKET_BYTES, Packet};
+use facewire_packet::{PACKET_BYTES, Packet, udp};
 use nix::net::if_::if_nametoindex;
-use socket2::{Domain, InterfaceIndexOrAddress, Protocol, Socket, Type};
 
 use super::PacketCounter;
 use crate::{Failure, snapshot::Sender};
@@ -23,40 +22,10 @@ const PAUSE: Duration = Duration::from_millis(200);
 pub fn bind(address: SocketAddr, interface: Option<&str>) -> Result<(UdpSocket, SocketAddr), Failure> {
     let index =
         interface.map_or(Ok(0), |name| if_nametoindex(name).map_err(|_| Failure::Interface(name.to_owned())))?;
-    let bound = bound(address, index).or_else(|error| {
-        // Without IPv6, the unspecified address means that of IPv4.
-        let is_without_v6 = error.raw_os_error() == Some(nix::libc::EAFNOSUPPORT);
-        let is_any = address.is_ipv6() && address.ip().is_unspecified();
-        if is_without_v6 && is_any {
-            self::bound((Ipv4Addr::UNSPECIFIED, address.port()).into(), index)
-        } else {
-            Err(error)
-        }
-    });
     let failed = |error| Failure::Receive { address, error };
-    let socket = bound.map_err(failed)?;
+    let socket = udp::bind(address, index).map_err(failed)?;
     let address = socket.local_addr().map_err(failed)?;
     Ok((socket, address))
-}
-
-fn bound(address: SocketAddr, interface: u32) -> io::Result<UdpSocket> {
-    let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
-    if address.is_ipv6() {
-        // With the unspecified address, IPv4 packets come here, too.
-        socket.set_only_v6(!address.ip().is_unspecified())?;
-    }
-    // Each member of a group on this machine gets every datagram. Without a group, a second program on the port would
-    // take the packets away from the first.
-    socket.set_reuse_address(address.ip().is_multicast())?;
-    socket.bind(&address.into())?;
-    match address.ip() {
-        IpAddr::V4(group) if group.is_multicast() => {
-            socket.join_multicast_v4_n(&group, &InterfaceIndexOrAddress::Index(interface))?;
-        }
-        IpAddr::V6(group) if group.is_multicast() => socket.join_multicast_v6(&group, interface)?,
-        _ => {}
-    }
-    Ok(socket.into())
 }
 
 /// Reads datagrams for as long as the program runs.
@@ -79,6 +48,10 @@ pub fn read(socket: &UdpSocket, mut counter: PacketCounter) {
 
 #[cfg(test)]
 mod tests {
+    use std::net::Ipv4Addr;
+
+    use socket2::{Domain, Socket, Type};
+
     use super::*;
 
     #[test]

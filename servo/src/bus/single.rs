@@ -39,7 +39,7 @@ fn ask(port: &mut (impl Read + Write), protocol: Protocol, id: u8, block: Block)
 pub fn find(port: &mut (impl Read + Write), protocol: Protocol, id: u8) -> io::Result<Option<(u32, Option<Kind>)>> {
     let Some((_, data)) = ask(port, protocol, id, START)? else { return Ok(None) };
     let mut registers: Registers = [0; 160];
-    registers.iter_mut().zip(&data).for_each(|(to, from)| *to = *from);
+    START.store(&data, &mut registers);
     let is_of = |kind: &Kind| kind.family().protocol == protocol && kind.family().has_start(&registers, id);
     let kind = KINDS.into_iter().find(is_of);
     Ok(Some((kind.unwrap_or(Kind::DynamixelX).family().model(&registers), kind)))
@@ -66,7 +66,7 @@ impl<P: Read + Write> Single<P> {
             let (error, data) = ask(&mut servo.port, servo.family.protocol, id, *block)
                 .map_err(|error| error.to_string())?
                 .ok_or_else(|| format!("servo {id}: {SILENT}"))?;
-            servo.registers.iter_mut().skip(block.0.into()).zip(data).for_each(|(to, from)| *to = from);
+            block.store(&data, &mut servo.registers);
             alarms = servo.family.alarms(&servo.registers, error);
         }
         let refusal = servo.family.refusal(&servo.registers, servo.reach());
@@ -101,7 +101,7 @@ impl<P: Read + Write> Single<P> {
                 if let [.., block] = family.blocks
                     && let Some((_, data)) = ask(&mut self.port, family.protocol, id, *block)?
                 {
-                    self.registers.iter_mut().skip(block.0.into()).zip(data).for_each(|(to, from)| *to = from);
+                    block.store(&data, &mut self.registers);
                 }
                 let start = goal(self, self.place());
                 family.write(&[(id, Order::watchdog(false)), start, (id, Order::torque(true))], &mut message);

@@ -43,6 +43,20 @@ address = "127.0.0.1:5252"
 CONFIG
 }
 
+# plug_in_pca9685: puts a PCA9685 at address 0x40 of an I2C bus of the kernel's i2c-stub, whose number is then in $bus
+plug_in_pca9685() {
+    modprobe i2c-dev
+    modprobe i2c-stub chip_addr=0x40
+    bus=$(grep -l 'SMBus stub' /sys/class/i2c-dev/i2c-*/name | head -n 1 | sed 's/.*i2c-\([0-9]*\).*/\1/')
+    await test -e "/dev/i2c-$bus"
+}
+
+# register NUMBER: prints what is in this register of the PCA9685
+register() { i2cget -y "$bus" 0x40 "$1"; }
+
+# has NUMBER VALUE: this register has this value
+has() { [ "$(register "$1")" = "$2" ]; }
+
 # film_without_a_face FILE: makes a Motion-JPEG film of a grey wall. Frames without a face need the detector alone and
 # change the packets' reason at once, so tests of cameras and ports do not wait for landmarks.
 film_without_a_face() {

@@ -3,16 +3,7 @@
 # after its power failed, goes on from the pulses of a service that has crashed, and tells once that another chip does not
 # answer. `facewire servo` moves a channel by keys, but not while the service has the chip.
 . cases/lib.sh
-modprobe i2c-dev
-modprobe i2c-stub chip_addr=0x40
-bus=$(grep -l 'SMBus stub' /sys/class/i2c-dev/i2c-*/name | head -n 1 | sed 's/.*i2c-\([0-9]*\).*/\1/')
-await test -e "/dev/i2c-$bus"
-
-# register NUMBER: prints what is in this register
-register() { i2cget -y "$bus" 0x40 "$1"; }
-
-# has NUMBER VALUE: this register has this value
-has() { [ "$(register "$1")" = "$2" ]; }
+plug_in_pca9685
 
 # The registers after power-on: the chip sleeps, and its prescaler is that of 200 Hz.
 power_on() {

@@ -2,10 +2,7 @@
 # systemd's ExecStopPost= takes the pulses from a PCA9685 and the torque from bus servos after the service was killed, in its
 # sandbox and as its user.
 . cases/lib.sh
-modprobe i2c-dev
-modprobe i2c-stub chip_addr=0x40
-bus=$(grep -l 'SMBus stub' /sys/class/i2c-dev/i2c-*/name | head -n 1 | sed 's/.*i2c-\([0-9]*\).*/\1/')
-await test -e "/dev/i2c-$bus"
+plug_in_pca9685
 usb-acm plug
 stty -F /dev/ttyGS0 raw -echo
 cat /dev/ttyGS0 >$work/line &
@@ -38,8 +35,6 @@ systemctl daemon-reload
 groupadd --force --system i2c
 chgrp i2c "/dev/i2c-$bus" && chmod 660 "/dev/i2c-$bus"
 
-register() { i2cget -y "$bus" 0x40 "$1"; }
-has() { [ "$(register "$1")" = "$2" ]; }
 systemctl start facewire || fail "not started: $(systemctl status facewire)"
 await has 0x0d 0x01
 # A question to servo 7, which nobody answers.

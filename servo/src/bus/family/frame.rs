@@ -29,6 +29,13 @@ enum Instruction {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block(pub u8, pub u8);
 
+impl Block {
+    /// Puts what an answer tells of these registers in its place.
+    pub(in crate::bus) fn store(self, answer: &[u8], registers: &mut [u8]) {
+        registers.iter_mut().skip(self.0.into()).zip(answer).for_each(|(to, from)| *to = *from);
+    }
+}
+
 impl Protocol {
     /// Appends a question for registers. Its length differs from that of the answer, so that its echo is never taken for one.
     pub fn write_read(self, id: u8, Block(address, length): Block, out: &mut Vec<u8>) {

@@ -23,7 +23,7 @@ Exit status:
 #[derive(Debug, Clone, Default, clap::Parser)]
 #[command(name = "facewire-bridge", version, after_help = HELP)]
 pub struct Args {
-    /// Settings file. Arguments take precedence over it
+    /// Settings file. Arguments take precedence over it, and each --board adds a board
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Address and port to which the boards send, such as a multicast group [default: port 5252 at all addresses of this

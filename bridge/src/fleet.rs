@@ -28,7 +28,7 @@ pub struct Counts {
     pub strangers: u64,
     /// Packets of boards beyond the most.
     pub surplus: u64,
-    /// Datagrams of unknown senders that are no packets. Those of boards count there.
+    /// Damaged datagrams of unknown senders. Each board counts its own in its tally.
     pub damaged: u64,
 }
 
@@ -41,7 +41,7 @@ pub enum Taken {
     Late,
     /// It is the first of a board without a name, which is called this now.
     Added(String),
-    /// It was counted as no packet of a board here: so many of its kind have come.
+    /// It was refused, with the reason and how many were refused for it so far.
     Refused(Refusal, u64),
 }
 
@@ -84,7 +84,7 @@ impl Board {
         matches!(self.packet().state, State::Live | State::Hold) && self.tally.silence(now).is_none() && self.taken > 0
     }
 
-    /// How many packets came beyond the one that an output saw last, which then has seen all.
+    /// How many packets an output has missed before the newest one. `None` if it has seen the newest. Sets `seen` to the newest.
     pub fn missed_since(&self, seen: &mut u64) -> Option<u64> {
         let new = self.taken - std::mem::replace(seen, self.taken);
         new.checked_sub(1)

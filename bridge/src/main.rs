@@ -71,7 +71,7 @@ fn run(args: &Args) -> Result<(), Failure> {
     let settings = Settings::load(args)?;
     let client = settings.mqtt.as_ref().map(|mqtt| mqtt::Client::new(mqtt, &settings.namespace)).transpose()?;
     let refused = |what| move |error| Failure::System { what, error };
-    let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
+    let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("an event loop"))?;
     runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
         let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
@@ -88,7 +88,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         }
         stop.send_replace(true);
         shared.is_stopped.store(true, Ordering::Relaxed);
-        // Their own times bound their farewells.
+        // Each output limits the time of its own farewell.
         if let Some(publishes) = publishes {
             let _ = publishes.await;
         }

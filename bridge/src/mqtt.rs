@@ -1,8 +1,8 @@
 //! The connection to the broker.
 //!
-//! rumqttc keeps what it could not send, and sends it at the next connection before anything newer; a collision of
-//! acknowledgements survives a lost session and then blocks its queue for ever. So each connection has a client of its own,
-//! nothing but the farewell waits for an acknowledgement, and after each connect everything that is retained is sent anew.
+//! rumqttc keeps what it could not send, and sends it before anything newer when it connects again. It also keeps a collision
+//! of acknowledgements after the session is lost, which blocks its queue for ever. Therefore each connection has a client of
+//! its own, only the farewell waits for an acknowledgement, and each connect sends everything that is retained again.
 
 mod topics;
 
@@ -36,7 +36,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 const LOOK: Duration = Duration::from_millis(100);
 /// What rumqttc may hold before it is on its way. What finds no room is tried again at the next look.
 const QUEUE: usize = 256;
-/// rumqttc's own limit of 10 kB would refuse nothing here, but a broker's own messages may be larger.
+/// The longest packet. All messages here fit rumqttc's default of 10 kB, but those of a broker may be longer.
 const MOST_BYTES: usize = 64 * 1024;
 /// The time to the next attempt grows from the first to the second.
 const BACKOFF: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];

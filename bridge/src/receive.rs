@@ -89,11 +89,14 @@ fn read(socket: &UdpSocket, shared: &Shared) -> io::Error {
 fn refusal(why: Refusal, count: u64, from: IpAddr) -> String {
     match why {
         Refusal::Stranger => {
-            format!("{from} is no named board: {count} packets refused. Name it, or set accept_others = true")
+            format!(
+                "packets refused because their board has no name: {count}, the last from {from}. Name it, or set accept_others = true"
+            )
         }
         Refusal::Surplus => format!(
-            "{from} is one board too many: {count} packets refused. Raise most_boards, or start again to forget old addresses"
+            "packets refused because there are too many boards: {count}, the last from {from}. Raise most_boards, or restart the \
+             bridge to forget old addresses"
         ),
-        Refusal::Damaged(fault) => format!("{count} damaged datagrams, the last from {from}: {fault}"),
+        Refusal::Damaged(fault) => format!("damaged datagrams: {count}, the last from {from}: {fault}"),
     }
 }

@@ -1,7 +1,7 @@
 //! ROS 2 by DDS, on a thread of its own.
 //!
-//! Each packet is published at once, by writers that are reliable, as subscribers of ROS ask by default. A writer that cannot
-//! take a message counts it and goes on with the next. After a board falls silent its last face moves to neutral, and then the
+//! The newest packet of each board is published within a few milliseconds, by writers that are reliable, because subscribers of
+//! ROS ask for that by default. A writer that cannot take a message counts it and goes on with the next. After a board falls silent its last face moves to neutral, and then the
 //! topics rest. RustDDS joins the networks that it finds at its start, so a change of addresses starts it again.
 
 mod messages;

@@ -265,8 +265,8 @@ fn strangers_and_damaged_datagrams_are_counted_and_told() {
     left.send();
     stranger.send();
     stranger.send_bytes(b"hello");
-    bridge.program.wait_for_text("127.0.1.9 is no named board: 1 packets refused");
-    bridge.program.wait_for_text("1 damaged datagrams, the last from 127.0.1.9: 5 bytes instead of");
+    bridge.program.wait_for_text("packets refused because their board has no name: 1, the last from 127.0.1.9");
+    bridge.program.wait_for_text("damaged datagrams: 1, the last from 127.0.1.9: 5 bytes instead of");
     let is_counted = |health: &Value| health["strangers"] == 1 && health["damaged"] == 1;
     listener.wait_for_json("facewire/bridge/health", is_counted);
 }

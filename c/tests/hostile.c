@@ -1,5 +1,6 @@
 /* What a careless program does. Everything is refused, and nothing else happens. */
 #include <assert.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +22,7 @@ int main(void)
     options.max_faces = 0, refuses_to_open(options, "max_faces");
     options = facewire_default_options(), options.threads = 1000, refuses_to_open(options, "threads");
     options = facewire_default_options(), options.flags = 1u << 31, refuses_to_open(options, "flags");
-    options = facewire_default_options(), options.horizontal_fov_deg = 0.0f / 1.0f, refuses_to_open(options, "fov");
+    options = facewire_default_options(), options.horizontal_fov_deg = NAN, refuses_to_open(options, "fov");
     options = facewire_default_options(), options.profile = "/nonexistent", refuses_to_open(options, "/nonexistent");
     options = facewire_default_options(), options.model = "\xff\xfe", refuses_to_open(options, "UTF-8");
     options = facewire_default_options(), options.networks = "", options.max_faces = 99, refuses_to_open(options, "max_faces");

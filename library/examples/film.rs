@@ -1,4 +1,4 @@
-//! Writes the coefficients of each frame of a Motion-JPEG film as CSV to standard output:
+//! Writes the coefficients of each frame that shows a face of a Motion-JPEG film as CSV to standard output:
 //! `cargo run --release -p facewire-library --example film FILE.avi`
 //!
 //! The decoder is that of the service. With another one, only the picture of a frame comes from elsewhere.

@@ -1,6 +1,6 @@
 use facewire_face::{InferError, SolveError};
 
-/// What can go wrong. The message is a sentence that names the cause and the remedy.
+/// What can go wrong. The message names the cause, and the remedy if one is known.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

@@ -76,9 +76,9 @@ impl Format {
         self.padded_picture(data, size, self.row_bytes(size[0]), true)
     }
 
-    /// Returns the picture of `[width, height]` in `data`, whose rows are `stride` bytes apart, those of separate chroma as many
-    /// as the rows of chroma are shorter. In the full range, black and white are 0 and 255 rather than 16 and 235, which
-    /// formats in red, green and blue always are.
+    /// Returns the picture of `[width, height]` in `data`, whose rows are `stride` bytes apart. Rows of separate Cb and Cr planes
+    /// are half as far apart, rounded up, in I420 and I422. With `full_range`, black and white are 0 and 255, otherwise 16
+    /// and 235. Formats in red, green and blue ignore it.
     pub fn padded_picture(
         self,
         data: &[u8],
@@ -137,7 +137,6 @@ mod tests {
         for (format, bytes) in Format::ALL.into_iter().zip(BYTES) {
             let (data, size) = (vec![0; bytes], [5, 3]);
             assert!(format.picture(&data, size).is_ok(), "{format:?}");
-            // The last row of a plane needs no padding, so that the padding of an odd NV12 picture may be missing.
             let error = format.picture(&data[1..], size).unwrap_err().to_string();
             assert!(error.contains(format.name()) && error.contains("5 x 3"), "{error}");
         }

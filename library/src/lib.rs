@@ -29,8 +29,8 @@
 //!
 //! - A [`Picture`] borrows the samples of its owner in any of the usual formats ([`Format`], [`Pixels`]); nothing is converted
 //!   or copied. Times come from the caller, who thus decides how fast a film plays.
-//! - [`FaceTracker`] takes all memory when it is made, and allocates nothing afterwards. It is [`Send`], there is no global
-//!   state, and it starts no thread, unless [`Options::threads`] asks for helpers.
+//! - [`FaceTracker`] takes all memory when it is made. Its `process` and `process_all` then allocate nothing, except for
+//!   stills. It is [`Send`], there is no global state, and it starts no thread, unless [`Options::threads`] asks for helpers.
 //! - The networks come from the folder that `scripts/setup networks` fills, from another one ([`Options::networks`]), or are part
 //!   of the program, with the feature `built-in`.
 //! - Coefficients are those that the service facewire would send, to the last bit, if the settings are the same.

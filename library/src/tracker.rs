@@ -138,7 +138,7 @@ impl FaceTracker {
         }
     }
 
-    /// Replaces what is known of the wearers. The coefficients do not jump.
+    /// Replaces the profile of all faces. The coefficients do not jump.
     pub fn set_profile(&mut self, profile: &Profile) {
         self.seats.iter_mut().for_each(|seat| seat.solver.set_profile(profile.clone()));
     }

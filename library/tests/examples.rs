@@ -1,4 +1,4 @@
-//! The examples run, and print what their descriptions say.
+//! The examples `film` and `pictures` run, and print what their descriptions say.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use std::fs;

@@ -126,7 +126,7 @@ impl FaceTracker {
         found.into_iter().map(|face| Face::new(py, face)).collect()
     }
 
-    /// Takes the mean of faces at rest, which look at the camera, as the neutral face of the wearer.
+    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the profile.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
         self.lock()?.tracker.set_profile(&Profile { neutral: Some(neutral), ..Profile::default() });

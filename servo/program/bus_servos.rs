@@ -112,9 +112,10 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
         service.stop(Signal::KILL);
         assert_eq!(bus.torques(), [true; 2], "a servo holds what it was told");
         let file = settings(&links);
-        for told in [": released", ": released"] {
+        // A second rest does no harm.
+        for _ in 0..2 {
             let run = Run::of(&mut facewire(["rest", "--config", text(file.path())]));
-            assert!(run.status == Some(0) && run.out.contains(told), "{run:?}");
+            assert!(run.status == Some(0) && run.out.contains(": released"), "{run:?}");
             bus.await_state(&[false; 2], &[600.0, 500.0]);
         }
         assert!(bus.lock().strange.is_empty());

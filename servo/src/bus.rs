@@ -1,14 +1,13 @@
 //! Bus servos: servos with a number, a position sensor and registers of their own, up to 30 on one serial line.
 //!
-//! Role: a [`Line`] makes of each packet the bytes for the line, and takes the bytes that came back. The caller carries them.
-//! Contract: a message has one frame with the goals of all servos that move, and at most one question, whose answer comes in
-//! the slack before the next message. Nothing waits for an answer. A servo moves only after it was read what it is and
-//! where it stands, begins there, and goes slowly until it is where the face wants it. Only goal, torque and Bus Watchdog
-//! are ever written, see [`Order`].
-//! Limits: goals are not answered. A servo that missed one gets the next, and one that lost its torque is found when it is
-//! read the next time.
+//! Role: a [`Line`] makes the bytes for the line from each packet, and reads those that came back. The caller carries both.
+//! Contract: a message has the goals of all servos that move, and at most one question. The answer comes before the next
+//! message, and nothing waits for it. A servo moves only after its model and its position were read. It begins there, and
+//! moves slowly until it is where the face wants it. Only goal, torque and Bus Watchdog are ever written, see [`Order`].
+//! Limits: servos do not acknowledge goals. A servo that missed one gets the next. One that lost its torque is found when
+//! it is read the next time.
 //!
-//! An answer tells more than a ping would, and no echo is like it, so nobody is pinged.
+//! There are no pings: an answer to a question tells more, and its length keeps it apart from an echo.
 
 mod family;
 #[cfg(any(test, feature = "simulator"))]
@@ -34,8 +33,8 @@ const MOST_MISSED: u8 = 3;
 const SILENCE: Duration = Duration::from_millis(400);
 /// The speed at which a servo goes to where the face wants it.
 const START_DEGREES_PER_S: f32 = 60.0;
-/// How long a servo without a face may need for its way to rest, before it has no torque.
-const LONGEST_WAY: Duration = Duration::from_secs(1);
+/// How long a servo that is to be released may take to reach its rest. Then it loses its torque wherever it is.
+const REST_TIMEOUT: Duration = Duration::from_secs(1);
 /// A servo this close to a place is there, as a part of its range.
 const CLOSE: f32 = 0.02;
 
@@ -61,9 +60,9 @@ impl Unit {
     }
 }
 
-/// A servo of the line. It is unknown until its first block was read and suits the settings, then known, and on from when
-/// all its other blocks were read and it was told to hold where it stands. It is unknown again if it does not answer, or if
-/// its power was cut. A released servo is known.
+/// A servo of the line. It is unknown until its first block has been read and suits the settings. Then it is known. It is
+/// on once its other blocks have been read and it has been told to hold where it stands. It is unknown again when it stops
+/// answering or its power is cut. A released servo is known.
 struct Servo {
     id: u8,
     registers: Registers,
@@ -73,8 +72,8 @@ struct Servo {
     is_on: bool,
     /// It is on its way from where it stood to where it is wanted.
     is_slow: bool,
-    /// Since when it is at rest or on its way there, if it is to have no torque then.
-    leaves_at: Option<Instant>,
+    /// Since when it is to be released. `None` while it is to have torque.
+    releasing_since: Option<Instant>,
     /// Why it is left without torque until its power is cut or an operator releases it.
     halted: Option<String>,
     /// Questions without an answer, one after the other, and how many answers may still come late.
@@ -89,9 +88,22 @@ struct Servo {
 impl Servo {
     fn new(channel: &Channel) -> Self {
         let (id, registers, limits) = (channel.number as u8, [0; 160], channel.limits);
-        let (is_on, is_slow, is_damaged, leaves_at, halted, trouble) = (false, false, false, None, None, None);
+        let (is_on, is_slow, is_damaged, releasing_since, halted, trouble) = (false, false, false, None, None, None);
         let (next, missed, overdue) = (0, 0, 0);
-        Self { id, registers, next, is_on, is_slow, leaves_at, halted, missed, overdue, is_damaged, trouble, limits }
+        Self {
+            id,
+            registers,
+            next,
+            is_on,
+            is_slow,
+            releasing_since,
+            halted,
+            missed,
+            overdue,
+            is_damaged,
+            trouble,
+            limits,
+        }
     }
 
     /// Whether the servo was, when it was read last, where its channel should be by now.
@@ -310,8 +322,8 @@ impl Line {
             }
             // A servo that keeps a limit of acceleration goes to its target by itself.
             let place = if family.steps_per_s2 > 0.0 { channel.target_place() } else { channel.place_now() };
-            servo.leaves_at = if place.is_none() { servo.leaves_at.or(Some(now)) } else { None };
-            let is_over = servo.leaves_at.is_some_and(|at| now.duration_since(at) >= LONGEST_WAY);
+            servo.releasing_since = if place.is_none() { servo.releasing_since.or(Some(now)) } else { None };
+            let is_over = servo.releasing_since.is_some_and(|at| now.duration_since(at) >= REST_TIMEOUT);
             if servo.is_on && (channel.is_off || is_over) {
                 servo.is_on = false;
                 self.orders.push((servo.id, Order::torque(false)));

@@ -147,7 +147,7 @@ impl Guide {
         }
     }
 
-    /// The longest time between two frames of one hold. After a longer time, no picture comes.
+    /// The longest time between two frames of one hold. A longer gap means that the camera gives no pictures.
     pub fn gap_s(&self) -> f32 {
         GAP_S.max(GAP_FRAMES * self.period_s.unwrap_or_default())
     }

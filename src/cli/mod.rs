@@ -77,8 +77,8 @@ enum Command {
         #[arg(long)]
         settings_only: bool,
     },
-    /// Take torque and pulses from bus servos and servos of a PCA9685, which keep them when the service is killed.
-    #[command(after_help = "Example:\n  facewire rest --config facewire.toml      does no harm at any time")]
+    /// Switch off bus servos and the servos of a PCA9685, which stay on when the service is killed
+    #[command(after_help = "Example:\n  facewire rest --config facewire.toml      run it while the service is stopped")]
     Rest(SettingsArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = "Example:\n  facewire devices                          use a stable path in the settings")]

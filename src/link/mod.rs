@@ -166,7 +166,7 @@ impl Link {
         settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
     }
 
-    /// Takes torque and pulses from servos that hold what they were told last, if no other program has their device.
+    /// Switches off servos that hold their last position. Fails if the system says that another program has their device.
     pub fn rest(settings: &LinkSettings) -> Option<Result<(), LinkError>> {
         let end_pulses = |it: &Pca9685Settings| {
             let mut bus = pca9685::Bus::open(it)?;

@@ -737,7 +737,7 @@ impl Guiding {
         Self { guide, observed_us: now_us, told: None }
     }
 
-    /// Takes in an observation if there is one, or that there was none for too long, and tells the client.
+    /// Passes an observation on, or reports that none came for too long, and sends the progress to the client.
     fn step(&mut self, client: &mut Client, observation: Option<&Observation>, now_us: u64) -> io::Result<()> {
         let silent_s = now_us.saturating_sub(self.observed_us) as f32 / 1e6;
         match observation {

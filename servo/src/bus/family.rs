@@ -84,7 +84,7 @@ pub struct Family {
     pub watchdog: Option<u8>,
     steps_per_s: f32,
     most_speed: u32,
-    /// The byte and bit that tell that a unit of speed is 50 times as small.
+    /// The byte and the bit that, when set, make the unit of speed one fiftieth.
     fine_speed: Option<(u8, u8)>,
     speed_limit: Option<Field>,
     /// 0 if the servo has no limit of acceleration beside its goal.
@@ -123,8 +123,13 @@ const X: Family = Family {
     id: 7,
     limits: [(52, 4), (48, 4)],
     needs: &[
-        (11, 0xFF, &[3, 5], "set its operating mode to position control"),
-        (10, 0b1100, &[0], "set its drive mode to profiles of velocity, without torque on by goal update"),
+        (11, 0xFF, &[3, 5], "set its operating mode to position control, with the maker's program"),
+        (
+            10,
+            0b1100,
+            &[0],
+            "set its drive mode to profiles of velocity, without torque on by goal update, with the maker's program",
+        ),
     ],
     torque: 64,
     goal: 108,
@@ -192,9 +197,9 @@ const STS: Family = Family {
     id: 5,
     limits: [(9, 2), (11, 2)],
     needs: &[
-        (2, 0xFF, &[0], "its numbers begin with the high byte: set family = \"feetech-scs\""),
-        (33, 0xFF, &[0], "set its mode to position"),
-        (18, 0x10, &[0], "clear bit 4 of its phase, so that it counts no turns"),
+        (2, 0xFF, &[0], "its registers have the high byte first: set family = \"feetech-scs\""),
+        (33, 0xFF, &[0], "set its mode to position, with the maker's program"),
+        (18, 0x10, &[0], "clear bit 4 of its phase, so that it counts no turns, with the maker's program"),
     ],
     torque: 40,
     goal: 41,
@@ -220,7 +225,7 @@ const SCS: Family = Family {
     degrees_per_step: 300.0 / 1023.0,
     most_steps: 1023,
     blocks: &[Block(0, 16), Block(40, 26)],
-    needs: &[(2, 0xFF, &[1], "its numbers begin with the low byte: set family = \"feetech-sts\"")],
+    needs: &[(2, 0xFF, &[1], "its registers have the low byte first: set family = \"feetech-sts\"")],
     goal: 42,
     parts: &[(Part::Position, 2), (Part::Time, 2), (Part::Speed, 2)],
     steps_per_s: 1.0,
@@ -376,7 +381,7 @@ impl Family {
             values.iter().any(|value| self.get(registers, (*address, 1)) & u32::from(*bits) == u32::from(*value))
         };
         if let Some((.., remedy)) = self.needs.iter().find(|need| !is_met(need)) {
-            return Some(format!("{remedy}, with the maker's program"));
+            return Some((*remedy).to_owned());
         }
         if least >= most {
             return Some(format!(
@@ -412,7 +417,7 @@ impl Family {
         }
         if hottest > 0 && celsius + 5 >= hottest {
             return Some(format!(
-                "it has {celsius} °C of {hottest} °C at most: give it less to hold, or loss = \"release\""
+                "it is at {celsius} °C, and its limit is {hottest} °C: give it less to hold, or set loss = \"release\""
             ));
         }
         (load >= 900).then(|| "it pushes with all its force: check its ends, and that nothing holds it".to_owned())

@@ -274,7 +274,7 @@ fn without_a_face_servos_go_to_rest_and_stay_or_have_no_torque_and_an_operator_t
 }
 
 #[test]
-fn a_servo_that_is_missing_twice_there_damaged_or_refused_is_told_and_left_without_torque_while_others_move() {
+fn a_servo_that_is_missing_duplicated_damaged_or_refused_is_told_and_left_without_torque_while_others_move() {
     let twice: fn(&mut Rig) = |rig| rig.bus.plug_in(2, rig.now);
     let set = |address: usize, byte: u8| move |rig: &mut Rig| rig.bus.servos[1].registers[address] = byte;
     let never: fn(&mut Rig) = |rig| rig.bus.servos[1].answers = Answers::Never;
@@ -286,7 +286,7 @@ fn a_servo_that_is_missing_twice_there_damaged_or_refused_is_told_and_left_witho
         (Sts, &damaged, "servo 2: its answers are damaged: check"),
         (X, &twice, "servo 2: two servos have this number: unplug one"),
         (Scs, &twice, "servo 2: two servos have this number: unplug one"),
-        (Sts, &set(2, 1), "servo 2: its numbers begin with the high byte: set family = \"feetech-scs\""),
+        (Sts, &set(2, 1), "servo 2: its registers have the high byte first: set family = \"feetech-scs\""),
         (X, &set(11, 1), "servo 2: set its operating mode to position control, with the maker's"),
         (Ax, &set(0, 29), "servo 2: its model 29 is not one of dynamixel-ax: set another family"),
         (Mx, &set(9, 0), "servo 2: an end is at 700 steps, but the servo allows 0 to 255: change the"),
@@ -382,7 +382,7 @@ fn a_watchdog_is_cleared_after_a_silence_of_the_line_and_otherwise_told_and_not_
 }
 
 #[test]
-fn a_hardware_error_is_told_and_never_fought() {
+fn an_alarm_is_told_and_a_dynamixel_x_that_stopped_itself_gets_nothing_more() {
     for (kind, alarms, want) in [
         (Kind::DynamixelX, 1 << 5, "it is overloaded"),
         (Kind::DynamixelAx, 1 << 2, "it is too hot"),
@@ -414,7 +414,7 @@ fn a_hardware_error_is_told_and_never_fought() {
     assert_eq!(rig.torques(), [true, false, true], "an alarm before the start");
     rig.bus.servos[1].alarms = 0;
     for (address, byte, want) in [
-        (63, 66, "servo 2: it has 66 °C of 70 °C"),
+        (63, 66, "servo 2: it is at 66 °C, and its limit is 70 °C"),
         (62, 30, "servo 2: its supply has 3.0 V"),
         (61, 3, "servo 2: it pushes"),
     ] {

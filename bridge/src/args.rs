@@ -52,7 +52,7 @@ pub struct Args {
     #[arg(long)]
     pub ros: bool,
     /// Domain of ROS 2 [default: $ROS_DOMAIN_ID, or else 0]
-    #[arg(long, value_name = "N", requires = "ros", value_parser = clap::value_parser!(u16).range(0..=232))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=232))]
     pub ros_domain: Option<u16>,
 }
 

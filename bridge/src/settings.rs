@@ -121,7 +121,7 @@ impl Settings {
             Some(path) => Self::parse(&read(path, "the settings")?).map_err(|Fault(text)| in_file(path, &text))?,
             None => Self::default(),
         };
-        settings.apply(args.clone());
+        settings.apply(args.clone())?;
         settings.check()?;
         Ok(settings)
     }
@@ -131,28 +131,41 @@ impl Settings {
         toml::from_str(text).map_err(|error| Fault(error.to_string().trim_end().to_owned()))
     }
 
-    fn apply(&mut self, args: Args) {
+    fn apply(&mut self, args: Args) -> Result<(), Fault> {
         self.udp = args.udp.unwrap_or(self.udp);
         self.interface = args.interface.or(self.interface.take());
         self.board.extend(args.board.into_iter().map(|(name, address)| NamedBoard { name, address }));
         if let Some(broker) = args.mqtt {
             self.mqtt.get_or_insert_default().broker = broker;
         }
+        let is_for_mqtt = args.mqtt_password_file.is_some() || args.mqtt_ca.is_some() || args.mqtt_stream.is_some();
         if let Some(mqtt) = &mut self.mqtt {
             mqtt.password_file = args.mqtt_password_file.or(mqtt.password_file.take());
             mqtt.ca_file = args.mqtt_ca.unwrap_or_else(|| mqtt.ca_file.clone());
             mqtt.stream_hz = args.mqtt_stream.unwrap_or(mqtt.stream_hz);
+        } else if is_for_mqtt {
+            return fault("an argument that begins with --mqtt- needs a broker: give --mqtt BROKER, or a table [mqtt]");
         }
         if args.ros {
-            let ros = self.ros.get_or_insert_default();
-            ros.domain = args.ros_domain.or(ros.domain);
+            self.ros.get_or_insert_default();
         }
+        if let Some(ros) = &mut self.ros {
+            ros.domain = args.ros_domain.or(ros.domain);
+        } else if args.ros_domain.is_some() {
+            return fault("--ros-domain is for ROS 2: give --ros, or a table [ros]");
+        }
+        Ok(())
     }
 
     fn check(&self) -> Result<(), Fault> {
         let (mut names, mut addresses) = (HashSet::new(), HashSet::new());
         for NamedBoard { name, address } in &self.board {
-            check_name(name)?;
+            if name.eq_ignore_ascii_case(BRIDGE) {
+                return fault(format!(
+                    "no board can be called {name}, because the bridge itself is: choose another name"
+                ));
+            }
+            check_name("a board", name)?;
             if !names.insert(name.to_ascii_lowercase()) {
                 return fault(format!("two boards are called {name}: give each a name of its own"));
             }
@@ -166,7 +179,7 @@ impl Settings {
         if !(1..=256).contains(&self.most_boards) || self.board.len() > self.most_boards {
             return fault(format!("most_boards must be from {} to 256", self.board.len().max(1)));
         }
-        check_name(&self.namespace).map_err(|Fault(text)| Fault(format!("namespace: {text}")))?;
+        check_name("the namespace", &self.namespace)?;
         if let Some(domain @ 233..) = self.ros.as_ref().map(Ros::domain) {
             return fault(format!("there is no domain {domain} in ROS 2: it is from 0 to 232"));
         }
@@ -249,18 +262,15 @@ fn in_file(path: &Path, text: &str) -> Fault {
 }
 
 /// Checks that a name fits topics of MQTT, identifiers of Home Assistant and names of ROS.
-fn check_name(name: &str) -> Result<(), Fault> {
+fn check_name(of: &str, name: &str) -> Result<(), Fault> {
     let is_valid = name.starts_with(|first: char| first.is_ascii_alphabetic())
         && name.chars().all(|character| character.is_ascii_alphanumeric() || character == '_')
         && !name.contains("__")
         && !name.ends_with('_')
         && name.len() <= NAME_BYTES;
-    if name.eq_ignore_ascii_case(BRIDGE) {
-        return fault(format!("no board can be called {name}, because the bridge itself is: choose another name"));
-    }
     if !is_valid {
         return fault(format!(
-            "{name:?} cannot name a board: begin with a letter and go on with letters, digits and single underscores, \
+            "{name:?} cannot name {of}: begin with a letter and go on with letters, digits and single underscores, \
              {NAME_BYTES} characters at most"
         ));
     }
@@ -327,10 +337,16 @@ mod tests {
         };
         let settings = load("[mqtt]\nbroker = \"one\"\nstream_hz = 9\n", &["--mqtt", "two"]).unwrap();
         assert_eq!(settings.mqtt, Some(Mqtt { broker: "two".to_owned(), stream_hz: 9, ..Mqtt::default() }));
+        let ros = load("namespace = \"bridge\"\n[ros]\ndomain = 1\n", &["--ros-domain", "2"]).unwrap().ros;
+        assert_eq!(ros.unwrap().domain, Some(2));
+        for argument in [["--mqtt-stream", "9"], ["--mqtt-ca", "a"], ["--mqtt-password-file", "a"]] {
+            assert!(load("[ros]\n", &argument).unwrap_err().contains("give --mqtt BROKER"), "{argument:?}");
+        }
+        assert!(load("[mqtt]\n", &["--ros-domain", "2"]).unwrap_err().contains("give --ros"));
         for (text, want) in [
             ("", "give --mqtt BROKER or --ros"),
             ("[mqtt]\nbrocker = \"a\"\n", "line 2"),
-            ("namespace = \"a/#\"\n[mqtt]\n", "namespace: "),
+            ("namespace = \"a/#\"\n[mqtt]\n", "cannot name the namespace"),
             ("[mqtt]\nstream_hz = 61\n", "from 0 to 60"),
             ("[ros]\ndomain = 233\n", "from 0 to 232"),
             ("most_boards = 0\n[mqtt]\n", "most_boards must be from 1"),

@@ -17,8 +17,7 @@ def main():
     found = importlib.util.spec_from_file_location("copyright", ROOT / "packaging" / "copyright.py")
     debian = importlib.util.module_from_spec(found)
     found.loader.exec_module(debian)
-    debian.PROGRAMS = ["facewire-python"]
-    packages = debian.linked_packages(sys.argv[1], [])
+    packages = debian.linked_packages(["facewire-python"], sys.argv[1], [])
     parts = ["facewire, Copyright 2026 The facewire authors, is licensed under the MIT licence or the Apache License 2.0.", NETWORKS,
              "These Rust packages are linked into the extension module:"]
     for package in packages:

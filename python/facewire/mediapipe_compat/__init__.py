@@ -62,8 +62,11 @@ _vision = {
 _face_landmarker = _module(
     "tasks.python.vision.face_landmarker", Blendshapes=Blendshapes, Connection=Connection, **_vision
 )
+_running_mode = _module("tasks.python.vision.core.vision_task_running_mode", VisionTaskRunningMode=RunningMode)
+_vision_core = _module("tasks.python.vision.core", vision_task_running_mode=_running_mode)
 vision = _module(
-    "tasks.python.vision", face_landmarker=_face_landmarker, drawing_utils=drawing_utils, drawing_styles=drawing_styles, **_vision
+    "tasks.python.vision", face_landmarker=_face_landmarker, core=_vision_core, drawing_utils=drawing_utils,
+    drawing_styles=drawing_styles, **_vision
 )
 sys.modules[f"{__name__}.tasks.vision"] = vision
 _landmark = _module("tasks.python.components.containers.landmark", NormalizedLandmark=NormalizedLandmark)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 import re
 from typing import Any, Callable, List, NamedTuple, Optional
 
@@ -20,6 +21,12 @@ __all__ = ["NormalizedLandmark", "NormalizedLandmarkList"]
 # MediaPipe's names in its order, which is that of the alphabet. It has no tongueOut.
 NAMES = ["_neutral", *sorted(name for name in BLENDSHAPES if name != "tongueOut")]
 _PLACES = numpy.array([BLENDSHAPES.index(name) for name in NAMES[1:]])
+
+# MediaPipe takes every camera for one that sees 63 degrees from top to bottom, facewire for one that sees 60 from side to side:
+# focal lengths in heights and in widths of the picture (the defaults of its face_geometry, and of FaceTracker).
+_THEIR_FOCUS, _OUR_FOCUS = (0.5 / math.tan(math.radians(angle / 2)) for angle in (63, 60))
+# The mean of the corners of the eyes in MediaPipe's canonical_face_model.obj, centimetres. facewire's position is that of this point.
+_BETWEEN_EYES_CM = numpy.array([0.0, 2.62, 3.47])
 
 Blendshapes = enum.IntEnum(  # type: ignore[misc]
     "Blendshapes", [(re.sub("([A-Z])", r"_\1", name).upper().lstrip("_"), index) for index, name in enumerate(NAMES)]
@@ -135,19 +142,19 @@ class FaceLandmarker:
 
     def detect(self, image: Image, image_processing_options: Any = None) -> FaceLandmarkerResult:
         """Finds the faces in a single picture."""
-        self._need(RunningMode.IMAGE)
+        self._need(RunningMode.IMAGE, image_processing_options)
         return self._find(image, 0)
 
     def detect_for_video(
         self, image: Image, timestamp_ms: int, image_processing_options: Any = None
     ) -> FaceLandmarkerResult:
         """Finds the faces in the next picture of a film."""
-        self._need(RunningMode.VIDEO)
+        self._need(RunningMode.VIDEO, image_processing_options)
         return self._find(image, self._later(timestamp_ms))
 
     def detect_async(self, image: Image, timestamp_ms: int, image_processing_options: Any = None) -> None:
         """Finds the faces in the next picture of a camera, and calls back."""
-        self._need(RunningMode.LIVE_STREAM)
+        self._need(RunningMode.LIVE_STREAM, image_processing_options)
         found = self._find(image, self._later(timestamp_ms))
         if self._options.result_callback is not None:
             self._options.result_callback(found, image, timestamp_ms)
@@ -162,7 +169,9 @@ class FaceLandmarker:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _need(self, mode: RunningMode) -> None:
+    def _need(self, mode: RunningMode, image_processing_options: Any) -> None:
+        if image_processing_options is not None:
+            raise ValueError("facewire takes whole pictures the right way up: image_processing_options are not supported")
         if self._options.running_mode is not mode:
             raise ValueError(f"the landmarker runs in the mode {self._options.running_mode.value}, not {mode.value}")
 
@@ -181,7 +190,7 @@ class FaceLandmarker:
         return FaceLandmarkerResult(
             [normalized(face, image.width, image.height) for face in faces],
             [_categories(face) for face in faces] if options.output_face_blendshapes else [],
-            [matrix(face) for face in faces] if options.output_facial_transformation_matrixes else [],
+            [matrix(face, image.width, image.height) for face in faces] if options.output_facial_transformation_matrixes else [],
         )
 
 
@@ -190,16 +199,20 @@ def _categories(face: Face) -> List[Category]:
     return [Category(index, score, "", name) for index, (score, name) in enumerate(zip(scores, NAMES))]
 
 
-def matrix(face: Face) -> "numpy.ndarray[Any, Any]":
-    """The map from the axes of the head to those of the camera (x to the right, y up, z towards it), centimetres."""
+def matrix(face: Face, width: int, height: int) -> "numpy.ndarray[Any, Any]":
+    """The map from the axes of MediaPipe's model of a head to those of the camera (x to the right, y up, z towards it), cm."""
     x, y, z, w = face.rotation_xyzw
-    right, down, away = face.position_mm
-    return numpy.array(
+    right, down, away = (side / 10 for side in face.position_mm)
+    # Distances go by the focal length, on which facewire and MediaPipe do not agree.
+    away *= height / width * _THEIR_FOCUS / _OUR_FOCUS
+    axes = numpy.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), right / 10],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), -down / 10],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), -away / 10],
-            [0, 0, 0, 1],
-        ],
-        numpy.float32,
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
     )
+    made = numpy.eye(4, dtype=numpy.float32)
+    made[:3, :3] = axes
+    made[:3, 3] = numpy.array([right, -down, -away]) - axes @ _BETWEEN_EYES_CM
+    return made

@@ -1,0 +1,77 @@
+"""Runs the first program of README.md on pictures in place of a camera's, and writes the coefficients of each picture as CSV.
+
+ten_lines.py [--film FILM] README.md PICTURES.npy OUT.csv
+
+The columns are those of `facewire track`. With a film, the pictures are written first, which needs PyAV or OpenCV.
+"""
+
+import argparse
+import csv
+import itertools
+import re
+import sys
+import types
+
+import numpy
+
+import facewire
+
+FRAMES = 48
+
+
+class Ended(Exception):
+    """There are no more pictures."""
+
+
+class Camera:
+    """Stands in for OpenCV's camera."""
+
+    def __init__(self, pictures):
+        self.left = iter(pictures)
+
+    def read(self):
+        """Returns the next picture."""
+        for picture in self.left:
+            return True, picture
+        raise Ended
+
+
+def main():
+    """Does what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--film")
+    parser.add_argument("readme")
+    parser.add_argument("pictures")
+    parser.add_argument("out")
+    args = parser.parse_args()
+    if args.film:
+        from facewire._film import _decode as decode
+
+        numpy.save(args.pictures, [picture for _, picture in itertools.islice(decode(args.film), FRAMES)])
+    pictures = numpy.load(args.pictures)
+
+    # The program says `import cv2` and opens a camera.
+    sys.modules["cv2"] = types.SimpleNamespace(VideoCapture=lambda _: Camera(pictures))
+    with open(args.readme, encoding="utf-8") as file:
+        program = re.search(r"```python\n(.*?)```", file.read(), re.DOTALL).group(1)
+    printed = []
+    try:
+        exec(compile(program, args.readme, "exec"), {"print": lambda *what: printed.append(what)})
+    except Ended:
+        pass
+    if len(printed) != len(pictures):
+        sys.exit(f"the program printed {len(printed)} faces of {len(pictures)}")
+
+    tracker = facewire.FaceTracker()
+    with open(args.out, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["frame", "time_s", "state", *facewire.BLENDSHAPES, "head_yaw_deg", "head_pitch_deg", "head_roll_deg"])
+        for number, picture in enumerate(pictures):
+            face = tracker.process(picture, number / 30)
+            numbers = [*face.coefficients, *face.yaw_pitch_roll_deg] if face else [0] * 55
+            table.writerow([number, number / 30, "live" if face else "neutral", *numbers])
+    print(f"{len(printed)} faces by the program of the README, facewire {facewire.__version__}")
+
+
+if __name__ == "__main__":
+    main()

@@ -4,96 +4,21 @@ In each round every side runs once, in a process of its own; the order changes f
 file, from which each is read into one array before the clock starts. The figures are medians over the rounds, ratios are the
 medians of the ratios of the rounds, with the lowest and the highest of them.
 
-FaceLandmarker needs its model, which is in no Python package: give the file face_landmarker.task with --model.
+FaceLandmarker needs its model, which MediaPipe's package does not contain: give the file face_landmarker.task with --model. Then
+its results are compared, too, with those of the stand-in for FaceLandmarker in the same pictures.
 """
 
 import argparse
 import json
 import os
 import pathlib
-import resource
 import statistics
 import subprocess
 import sys
-import time
+import tempfile
 
-BYTES = 640 * 480 * 3
 FIGURES = {"p50_ms": "ms, p50", "p95_ms": "ms, p95", "first_s": "s from import to first result", "memory_mb": "MB of memory", "size_mb": "MB on disk"}
-
-
-def face_mesh(_):
-    """Returns MediaPipe's FaceMesh as a function from a picture and its number to whether there is a face."""
-    import mediapipe
-
-    mesh = mediapipe.solutions.face_mesh.FaceMesh(max_num_faces=1, refine_landmarks=True)
-    return lambda picture, _: mesh.process(picture).multi_face_landmarks
-
-
-def face_landmarker(model):
-    """Returns MediaPipe's FaceLandmarker with blendshapes."""
-    import mediapipe
-
-    vision = mediapipe.tasks.vision
-    options = vision.FaceLandmarkerOptions(
-        base_options=mediapipe.tasks.BaseOptions(model_asset_path=model),
-        running_mode=vision.RunningMode.VIDEO,
-        output_face_blendshapes=True,
-    )
-    landmarker = vision.FaceLandmarker.create_from_options(options)
-
-    def find(picture, number):
-        image = mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=picture)
-        return landmarker.detect_for_video(image, 33 * number).face_blendshapes
-
-    return find
-
-
-def facewire(_):
-    """Returns facewire's tracker."""
-    import facewire as ours
-
-    tracker = ours.FaceTracker()
-    return lambda picture, number: tracker.process(picture, number / 30, format="rgb")
-
-
-def stand_in(_):
-    """Returns what stands in for FaceMesh."""
-    import facewire.mediapipe_compat as ours
-
-    mesh = ours.solutions.face_mesh.FaceMesh(max_num_faces=1, refine_landmarks=True)
-    return lambda picture, _: mesh.process(picture).multi_face_landmarks
-
-
-SIDES = {"FaceMesh": face_mesh, "FaceLandmarker": face_landmarker, "facewire": facewire, "facewire as FaceMesh": stand_in}
-
-
-def run_side(side, film, model):
-    """Plays the pictures twice, the first time to warm up, and prints the figures as JSON."""
-    import numpy
-
-    picture, milliseconds, number = numpy.zeros((480, 640, 3), numpy.uint8), [], 0
-    with open(film, "rb", buffering=0) as file:
-        file.readinto(picture)
-        begun = time.perf_counter()
-        find = SIDES[side](model)
-        assert find(picture, number)
-        first_s = time.perf_counter() - begun
-        for is_counted in (False, True):
-            file.seek(0)
-            while file.readinto(picture) == BYTES:
-                number += 1
-                begun = time.perf_counter()
-                is_found = find(picture, number)
-                if is_counted and is_found:
-                    milliseconds.append(1000 * (time.perf_counter() - begun))
-    milliseconds.sort()
-    print(json.dumps({
-        "p50_ms": milliseconds[len(milliseconds) // 2],
-        "p95_ms": milliseconds[len(milliseconds) * 95 // 100],
-        "first_s": first_s,
-        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "frames": len(milliseconds),
-    }))
+SIDES = ("FaceMesh", "FaceLandmarker", "facewire", "facewire as FaceMesh", "facewire as FaceLandmarker")
 
 
 def size_mb(python):
@@ -105,21 +30,67 @@ def size_mb(python):
     return sum(path.stat().st_size for path in files if not path.relative_to(folder).parts[0].startswith(tools)) / 1e6
 
 
+def agreement(args):
+    """Returns how far the results of MediaPipe and of its stand-in are apart in the same pictures."""
+    import numpy
+
+    both = []
+    with tempfile.TemporaryDirectory() as folder:
+        for side in ("FaceLandmarker", "facewire as FaceLandmarker"):
+            path = os.path.join(folder, "saved.npz")
+            start(args, side, path)
+            with numpy.load(path) as saved:
+                both.append(dict(saved))
+    theirs, ours = both
+
+    def apart(points, others):
+        distances = numpy.linalg.norm(points - others, axis=2)
+        return {"mean": float(distances.mean()), "worst": float(distances.max())}
+
+    turns = numpy.einsum("nij,nij->n", theirs["matrices"][:, :3, :3], ours["matrices"][:, :3, :3])
+    angles = numpy.degrees(numpy.arccos(((turns - 1) / 2).clip(-1, 1)))
+    # A coefficient that hardly moves in this film has no correlation that says anything.
+    shapes = [theirs["coefficients"], ours["coefficients"]]
+    moving = [place for place in range(52) if min(of[:, place].std() for of in shapes) > 0.02]
+    return {
+        "frames": len(ours["mesh"]),
+        "mesh_px": apart(theirs["mesh"], ours["mesh"]),
+        "landmarker_px": apart(theirs["landmarker"], ours["landmarker"]),
+        "their_landmarker_and_their_mesh_px": apart(theirs["landmarker"], theirs["mesh"]),
+        "rotation_deg": {"mean": float(angles.mean()), "worst": float(angles.max())},
+        "position_cm": apart(*(of["matrices"][:, :3, 3:].transpose(0, 2, 1) for of in both)),
+        "correlations": {
+            str(ours["names"][place]): float(numpy.corrcoef(shapes[0][:, place], shapes[1][:, place])[0, 1]) for place in moving
+        },
+    }
+
+
+def is_theirs(side):
+    """Whether this side is MediaPipe."""
+    return not side.startswith("facewire")
+
+
+def start(args, side, *options):
+    """Runs a side and returns what it prints."""
+    python = args.theirs if is_theirs(side) else args.ours
+    command = [python, os.path.join(os.path.dirname(os.path.abspath(__file__)), "compare_python_side.py"), side, args.film, args.model or "", *options]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    if run.returncode:
+        sys.exit(f"{side} failed:\n{run.stderr}")
+    return run.stdout
+
+
 def measure(args):
     """Runs all rounds and returns a list of the figures of each round for each side."""
     sides = [side for side in SIDES if side != "FaceLandmarker" or args.model]
-    pythons = {side: args.theirs if side in ("FaceMesh", "FaceLandmarker") else args.ours for side in sides}
-    sizes, found = {python: size_mb(python) for python in set(pythons.values())}, {side: [] for side in sides}
+    sizes, found = {True: size_mb(args.theirs), False: size_mb(args.ours)}, {}
     for number in range(args.rounds):
         print(f"round {number + 1} of {args.rounds}", file=sys.stderr)
-        start = number % len(sides)
-        for side in sides[start:] + sides[:start]:
-            command = [pythons[side], os.path.abspath(__file__), "--side", side, "--film", args.film, *(["--model", args.model] if args.model else [])]
-            run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            if run.returncode:
-                sys.exit(f"{side} failed:\n{run.stderr}")
-            found[side].append({**json.loads(run.stdout.splitlines()[-1]), "size_mb": sizes[pythons[side]]})
-    return found
+        first = number % len(sides)
+        for side in sides[first:] + sides[:first]:
+            figures = json.loads(start(args, side).splitlines()[-1])
+            found.setdefault(side, []).append({**figures, "size_mb": sizes[is_theirs(side)]})
+    return {side: found[side] for side in sides}
 
 
 def main():
@@ -131,10 +102,7 @@ def main():
     parser.add_argument("--model", help="face_landmarker.task")
     parser.add_argument("--rounds", type=int, default=5, help="how often each side runs (default 5)")
     parser.add_argument("--json", action="store_true", help="print one object on one line")
-    parser.add_argument("--side", help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.side:
-        return run_side(args.side, args.film, args.model)
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
     found = measure(args)
@@ -145,15 +113,24 @@ def main():
             if theirs in found:
                 ratios = [ours[figure] / other[figure] for ours, other in zip(found["facewire"], found[theirs])]
                 table[figure][f"facewire / {theirs}"] = [statistics.median(ratios), min(ratios), max(ratios)]
+    near = agreement(args) if args.model else None
     if args.json:
-        print(json.dumps({"rounds": args.rounds, **table}))
+        print(json.dumps({"rounds": args.rounds, **table, "agreement": near}))
         return
     for figure, row in table.items():
         print(FIGURES[figure])
         for name, value in row.items():
             told = f"{value:.3f}" if isinstance(value, float) else "{:.2f} ({:.2f} to {:.2f})".format(*value)
             print(f"    {name:<28}{told}")
-    if "FaceLandmarker" not in found:
+    if near:
+        print(f"MediaPipe and its stand-in in {near['frames']} pictures: distance in the mean, and the largest")
+        for name, of in near.items():
+            if isinstance(of, dict) and "mean" in of:
+                print(f"    {name:<40}{of['mean']:.2f} {of['worst']:.2f}")
+        order = sorted(near["correlations"].items(), key=lambda item: item[1])
+        print(f"correlations of the {len(order)} coefficients that move, {statistics.median(near['correlations'].values()):.2f} in the median:")
+        print("    " + ", ".join(f"{name} {correlation:.2f}" for name, correlation in order))
+    else:
         print("FaceLandmarker was not measured: give its model with --model face_landmarker.task")
 
 

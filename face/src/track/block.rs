@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use facewire_engine::kernels::convert::{Factors, GROUP, NO_COLOUR, Samples, convert, unpack};
+use facewire_engine::kernels::convert::{Factors, GROUP, NO_COLOUR, Packing, Samples, convert, unpack};
 use facewire_engine::kernels::sample::{Line, Pixel, sample};
 
 use crate::picture::{Picture, Pixels};
@@ -68,7 +68,7 @@ impl<'a> Planes<'a> {
             (Some(samples), _) => convert(self.factors, &samples, within),
             (None, Pixels::Packed { data, stride, step, rgb }) if !within.is_empty() => {
                 let at = y.unsigned_abs() as usize * stride + inside_x.unsigned_abs() as usize * step;
-                unpack(data.get(at..).unwrap_or_default(), step, rgb, within);
+                unpack(data.get(at..).unwrap_or_default(), Packing { step, rgb }, within);
             }
             (None, _) => self.convert_each([inside_x, y], within),
         }

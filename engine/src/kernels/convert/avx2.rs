@@ -1,14 +1,18 @@
 //! Sixteen pixels at a time with AVX2.
 
 use std::arch::x86_64::{
-    __m128i, __m256i, _mm_loadl_epi64, _mm_loadu_si128, _mm_setr_epi8, _mm_unpacklo_epi8, _mm256_add_epi16,
-    _mm256_and_si256, _mm256_broadcastsi128_si256, _mm256_cvtepu8_epi16, _mm256_loadu_si256, _mm256_mulhi_epi16,
-    _mm256_permutevar8x32_epi32, _mm256_set1_epi16, _mm256_set1_epi32, _mm256_setzero_si256, _mm256_shuffle_epi8,
-    _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi16, _mm256_unpackhi_epi16,
-    _mm256_unpackhi_epi32, _mm256_unpacklo_epi16, _mm256_unpacklo_epi32,
+    __m128i, __m256i, _mm_add_epi8, _mm_loadl_epi64, _mm_loadu_si128, _mm_set1_epi32, _mm_setr_epi8, _mm_setr_epi32,
+    _mm_shuffle_epi8, _mm_unpacklo_epi8, _mm256_add_epi16, _mm256_and_si256, _mm256_broadcastsi128_si256,
+    _mm256_cvtepu8_epi16, _mm256_loadu_si256, _mm256_mulhi_epi16, _mm256_permutevar8x32_epi32, _mm256_set1_epi16,
+    _mm256_set1_epi32, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_slli_epi16, _mm256_srli_epi16,
+    _mm256_storeu_si256, _mm256_sub_epi16, _mm256_unpackhi_epi16, _mm256_unpackhi_epi32, _mm256_unpacklo_epi16,
+    _mm256_unpacklo_epi32,
 };
 
-use super::{Factors, GROUP, NO_COLOUR, Pixel, Samples};
+use super::{Factors, GROUP, NO_COLOUR, Packing, Pixel, Samples};
+
+/// Bytes of the vectors that [`unpack`] reads.
+const VECTOR: usize = 16;
 
 /// The order of pairs of pixels in which [`interleaved`] returns consecutive pixels.
 const PAIRS: [i32; 8] = [0, 2, 4, 6, 1, 3, 5, 7];
@@ -31,6 +35,35 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
         for (number, vector) in vectors.into_iter().enumerate() {
             // SAFETY: a group has room for four vectors.
             unsafe { _mm256_storeu_si256(to.add(4 * number).cast(), vector) };
+        }
+    }
+}
+
+/// See [`super::Unpacker`].
+///
+/// # Safety
+/// The processor must have AVX2, a pixel must have three or four bytes, and there must be bytes for all pixels.
+#[target_feature(enable = "avx2")]
+pub(super) unsafe fn unpack(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {
+    // The last four pixels of three bytes begin within their vector, so that it ends with the group.
+    let early = VECTOR - 4 * step;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "a place in a vector")]
+    let [red, green, blue] = rgb.map(|place| place as i32);
+    // The place of each channel in the first pixel, and how much further it is in another one. The highest bit gives 0.
+    let first = _mm_set1_epi32(red | green << 8 | blue << 16 | i32::MIN);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "a place in a vector")]
+    let further = |bytes: usize| bytes as i32 * 0x01_01_01;
+    let order = _mm_add_epi8(first, _mm_setr_epi32(0, further(step), further(2 * step), further(3 * step)));
+    let orders = [order, order, order, _mm_add_epi8(order, _mm_set1_epi32(further(early)))];
+    let starts = [0, 4 * step, 8 * step, 12 * step - early];
+    for (group, pixels) in output.iter_mut().enumerate() {
+        for (number, (start, order)) in starts.into_iter().zip(orders).enumerate() {
+            // SAFETY: the bytes are those of this group, which has room for four vectors.
+            unsafe {
+                let bytes = _mm_loadu_si128(row.as_ptr().add(group * GROUP * step + start).cast());
+                let four = _mm256_cvtepu8_epi16(_mm_shuffle_epi8(bytes, order));
+                _mm256_storeu_si256(pixels.as_mut_ptr().add(4 * number).cast(), four);
+            }
         }
     }
 }

@@ -104,26 +104,48 @@ fn available() -> impl Iterator<Item = Converter> {
     all.into_iter().flatten()
 }
 
-/// Copies red, green and blue out of pixels of `step` bytes, in which they are at the places `rgb`. A pixel that `row` does not
-/// hold remains as it is.
-pub fn unpack(row: &[u8], step: usize, rgb: [usize; 3], output: &mut [[Pixel; GROUP]]) {
-    // The compiler makes code of its own for the usual formats.
-    match (step, rgb) {
-        (3, [0, 1, 2]) => unpack_each(row, 3, [0, 1, 2], output),
-        (3, [2, 1, 0]) => unpack_each(row, 3, [2, 1, 0], output),
-        (4, [0, 1, 2]) => unpack_each(row, 4, [0, 1, 2], output),
-        (4, [2, 1, 0]) => unpack_each(row, 4, [2, 1, 0], output),
-        _ => unpack_each(row, step.max(1), rgb, output),
-    }
+/// Copies groups of pixels out of bytes. There must be bytes for all of them, and each place must be below the step.
+type Unpacker = unsafe fn(&[u8], Packing, &mut [[Pixel; GROUP]]);
+
+/// Pixels of `step` bytes, in which red, green and blue are at the places `rgb`.
+#[derive(Debug, Clone, Copy)]
+pub struct Packing {
+    /// Bytes from one pixel to the next.
+    pub step: usize,
+    /// The places of red, green and blue among the bytes of a pixel.
+    pub rgb: [usize; 3],
 }
 
-#[inline(always)]
-fn unpack_each(row: &[u8], step: usize, rgb: [usize; 3], output: &mut [[Pixel; GROUP]]) {
-    for (pixels, bytes) in output.iter_mut().zip(row.chunks(GROUP.saturating_mul(step))) {
-        for (pixel, bytes) in pixels.iter_mut().zip(bytes.chunks_exact(step)) {
-            let [red, green, blue] = rgb.map(|at| bytes.get(at).map_or(0, |value| i16::from(*value)));
-            *pixel = [red, green, blue, 0];
-        }
+/// Copies as many pixels as `output` has out of the bytes of a row.
+///
+/// # Panics
+/// If there are fewer pixels, or if a place is outside a pixel.
+pub fn unpack(row: &[u8], packing: Packing, output: &mut [[Pixel; GROUP]]) {
+    let Packing { step, rgb } = packing;
+    assert!(rgb.iter().all(|place| *place < step), "a colour is outside the pixel");
+    assert!(row.len() / step >= output.as_flattened().len(), "there are fewer pixels than are wanted");
+    // SAFETY: there are enough pixels, and each has its colours.
+    unsafe { unpackers(packing).next().unwrap_or(unpack_plain)(row, packing, output) }
+}
+
+/// The unpackers for the instruction sets of this processor; the fastest comes first.
+fn unpackers(packing: Packing) -> impl Iterator<Item = Unpacker> {
+    let mut all: [Option<Unpacker>; 2] = [None, Some(unpack_plain)];
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && matches!(packing.step, 3 | 4) {
+        all[0] = Some(avx2::unpack);
+    }
+    #[cfg(target_arch = "aarch64")]
+    if std::arch::is_aarch64_feature_detected!("neon") && matches!(packing.step, 3 | 4) {
+        all[0] = Some(neon::unpack);
+    }
+    all.into_iter().flatten()
+}
+
+fn unpack_plain(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {
+    for (pixel, bytes) in output.as_flattened_mut().iter_mut().zip(row.chunks_exact(step)) {
+        let [red, green, blue] = rgb.map(|place| i16::from(bytes[place]));
+        *pixel = [red, green, blue, 0];
     }
 }
 

@@ -1,12 +1,13 @@
 //! Sixteen pixels at a time with NEON.
 
 use std::arch::aarch64::{
-    int16x8_t, int16x8x4_t, uint8x8_t, uint8x16_t, vaddq_s16, vcombine_u8, vdupq_n_s16, vdupq_n_s32, vdupq_n_u8,
-    vget_high_u8, vget_low_u8, vld1_u8, vld1q_u8, vld2q_u8, vqdmulhq_s16, vreinterpretq_s16_s32, vreinterpretq_s16_u16,
-    vrev32q_s16, vshll_n_u8, vst4q_s16, vsubq_s16, vtrn1q_s16, vtrn2q_s16, vzip1_u8, vzip2_u8,
+    int16x8_t, int16x8x4_t, uint8x8_t, uint8x16_t, uint8x16x3_t, uint8x16x4_t, vaddq_s16, vcombine_u8, vdupq_n_s16,
+    vdupq_n_s32, vdupq_n_u8, vget_high_u8, vget_low_u8, vld1_u8, vld1q_u8, vld2q_u8, vld3q_u8, vld4q_u8, vmovl_u8,
+    vqdmulhq_s16, vreinterpretq_s16_s32, vreinterpretq_s16_u16, vrev32q_s16, vshll_n_u8, vst4q_s16, vsubq_s16,
+    vtrn1q_s16, vtrn2q_s16, vzip1_u8, vzip2_u8,
 };
 
-use super::{Factors, GROUP, NO_COLOUR, Pixel, Samples};
+use super::{Factors, GROUP, NO_COLOUR, Packing, Pixel, Samples};
 
 /// See [`super::Converter`].
 ///
@@ -34,6 +35,36 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
             Samples::Grey(luma) => {
                 constants.convert(output, |group| (sixteen(luma, group), vdupq_n_u8(NO_COLOUR)));
             }
+        }
+    }
+}
+
+/// See [`super::Unpacker`].
+///
+/// # Safety
+/// The processor must have NEON, a pixel must have three or four bytes, and there must be bytes for all pixels.
+#[target_feature(enable = "neon")]
+pub(super) unsafe fn unpack(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {
+    for (group, pixels) in output.iter_mut().enumerate() {
+        // SAFETY: a group has sixteen pixels, and each half of its output takes four vectors.
+        unsafe {
+            let from = row.as_ptr().add(group * GROUP * step);
+            let channels = if step == 3 {
+                let uint8x16x3_t(first, second, third) = vld3q_u8(from);
+                [first, second, third, third]
+            } else {
+                let uint8x16x4_t(first, second, third, fourth) = vld4q_u8(from);
+                [first, second, third, fourth]
+            };
+            let [red, green, blue] = rgb.map(|place| channels[place]);
+            let eight = |half: fn(uint8x16_t) -> uint8x8_t| {
+                let [red, green, blue] =
+                    [red, green, blue].map(|channel| vreinterpretq_s16_u16(vmovl_u8(half(channel))));
+                int16x8x4_t(red, green, blue, vdupq_n_s16(0))
+            };
+            let to = pixels.as_mut_ptr();
+            vst4q_s16(to.cast(), eight(|channel| vget_low_u8(channel)));
+            vst4q_s16(to.add(GROUP / 2).cast(), eight(|channel| vget_high_u8(channel)));
         }
     }
 }

@@ -9,6 +9,8 @@ import numpy
 
 from ._facewire import Face, FaceTracker, FacewireError
 
+Picture = "numpy.ndarray[Any, Any]"
+
 
 class TrackedFrame(NamedTuple):
     """A frame of a film."""
@@ -36,12 +38,15 @@ def track(film: Union[str, "os.PathLike[str]"], tracker: Optional[FaceTracker] =
 
 
 def _track(path: str, tracker: FaceTracker) -> Iterator[TrackedFrame]:
+    begun_s = None
     for number, (time_s, picture) in enumerate(_decode(path)):
+        begun_s = time_s if begun_s is None else begun_s
+        time_s = max(time_s - begun_s, 0.0)
         yield TrackedFrame(number, time_s, tracker.process(picture, time_s))
 
 
-def _decode(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, Any]"]]:
-    """Yields the time and the picture, in the order of OpenCV, of every frame."""
+def _decode(path: str) -> Iterator[Tuple[float, Picture]]:
+    """Yields the time of every frame, and its picture as it is to be seen, in the order of OpenCV."""
     try:
         import av
     except ImportError:
@@ -49,13 +54,17 @@ def _decode(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, Any]"]]:
         return
     try:
         with av.open(path) as container:
+            rate = float(container.streams.video[0].average_rate or 30)
             for number, frame in enumerate(container.decode(video=0)):
-                yield frame.time if frame.time is not None else number / 30, frame.to_ndarray(format="bgr24")
-    except av.FFmpegError as error:
+                picture = frame.to_ndarray(format="bgr24")
+                # The film says how it was held; OpenCV turns the pictures itself.
+                quarters = round(getattr(frame, "rotation", 0) / 90) % 4
+                yield frame.time if frame.time is not None else number / rate, numpy.rot90(picture, quarters)
+    except (av.FFmpegError, IndexError) as error:
         raise FacewireError(f"{path} cannot be decoded: {error}") from error
 
 
-def _decode_by_opencv(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, Any]"]]:
+def _decode_by_opencv(path: str) -> Iterator[Tuple[float, Picture]]:
     try:
         import cv2
     except ImportError:
@@ -70,5 +79,7 @@ def _decode_by_opencv(path: str) -> Iterator[Tuple[float, "numpy.ndarray[Any, An
         if not is_there:
             film.release()
             return
-        yield number / rate, picture
+        time_s = film.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        # A film without times has 0 for all.
+        yield time_s if time_s > 0 else number / rate, picture
         number += 1

@@ -3,6 +3,7 @@
 import csv
 import fractions
 import gc
+import importlib.metadata
 import itertools
 import os
 import pathlib
@@ -322,6 +323,8 @@ class Resources(unittest.TestCase):
         self.assertEqual(printed.strip(), "[]")
         folder = pathlib.Path(facewire.__file__).parent
         self.assertTrue((folder / "py.typed").exists() and (folder / "_facewire.pyi").exists())
+        (licences,) = (file for file in importlib.metadata.files("facewire") if file.name == "LICENSES.txt")
+        self.assertRegex(licences.read_text(), r"(?s)MediaPipe.*\npyo3 [0-9.]+ \(.*Apache License")
 
 
 if __name__ == "__main__":

@@ -55,6 +55,11 @@ SIDES = {
 }
 
 
+def memory_mb():
+    """Returns the largest memory that this process had so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 def run_side(side, film, model):
     """Plays the pictures twice, the first time to warm up, and prints the figures as JSON."""
     import numpy
@@ -62,6 +67,7 @@ def run_side(side, film, model):
     picture, milliseconds, number = numpy.zeros((480, 640, 3), numpy.uint8), [], 0
     with open(film, "rb", buffering=0) as file:
         file.readinto(picture)
+        before_mb = memory_mb()
         begun = time.perf_counter()
         module, make = SIDES[side]
         find = make(importlib.import_module(module), model)
@@ -80,7 +86,8 @@ def run_side(side, film, model):
         "p50_ms": milliseconds[len(milliseconds) // 2],
         "p95_ms": milliseconds[len(milliseconds) * 95 // 100],
         "first_s": first_s,
-        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "memory_mb": memory_mb(),
+        "before_mb": before_mb,
         "frames": len(milliseconds),
     }))
 

@@ -13,9 +13,8 @@ import facewire.mediapipe_compat as mp
 from test_facewire import FILM, PICTURE, bgr
 
 THEIRS = pathlib.Path(os.environ["FACEWIRE_SOURCE"]) / "tests" / "golden" / "demo-landmarks.npy"
-# The bounds that tests/golden.rs has for the service, too. They hold where both see the same pixels, here those of FFmpeg:
-# MediaPipe's own points move by up to 2.1 pixels if only the colours are rounded otherwise, and by up to 3.4 if OpenCV decodes the
-# JPEG images.
+# The bounds that tests/golden.rs has for the service, too. Both must see the same pixels, here those of FFmpeg: MediaPipe's own
+# points move by more if OpenCV decodes the clip, or if only the colours are rounded otherwise.
 MEAN_PX, WORST_PX = 0.3, 1.5
 
 

@@ -20,7 +20,7 @@ use std::path::PathBuf;
 pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
 pub use self::network::{machine_id, name_server_remedy};
-pub use self::ports::{AutoDevice, Numbers, auto_device, latency_remedy, links_to, restarts};
+pub use self::ports::{Attached, UsbId, attached, latency_remedy, links_to, restarts};
 pub use self::refusal::{i2c_refusal, serial_refusal};
 pub use self::sensors::{HardwareSettings, Sensors};
 

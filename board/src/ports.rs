@@ -11,30 +11,30 @@ const VENDORS: [u16; 8] = [0x2341, 0x2a03, 0x239a, 0x2e8a, 0x303a, 0x1b4f, 0x288
 const TEENSY: (u16, u16) = (0x16c0, 0x048);
 /// Raspberry Pi's debug probes. Anything may be connected to their serial line.
 /// Source: <https://github.com/raspberrypi/usb-pid>
-const PROBES: [Numbers; 2] = [(0x2e8a, 0x0004), (0x2e8a, 0x000c)];
+const PROBES: [UsbId; 2] = [(0x2e8a, 0x0004), (0x2e8a, 0x000c)];
 /// Pololu's Maestros: the Micro Maestro 6 and the Mini Maestros 12, 18 and 24. They would take packets for commands, so a
 /// link for packets never chooses them. Their first port is the one for commands.
 /// Source: the udev rules and the source of Pololu's Maestro software for Linux.
-const MAESTROS: [Numbers; 4] = [(0x1ffb, 0x0089), (0x1ffb, 0x008a), (0x1ffb, 0x008b), (0x1ffb, 0x008c)];
+const MAESTROS: [UsbId; 4] = [(0x1ffb, 0x0089), (0x1ffb, 0x008a), (0x1ffb, 0x008b), (0x1ffb, 0x008c)];
 /// Arduinos whose serial chip is a microcontroller that uses the driver of modems (`ttyACM`): vendors, and the products of
 /// Uno, Uno Mini, Mega and Mega ADK.
 /// Source: `boards.txt` of <https://github.com/arduino/ArduinoCore-avr>
 const ARDUINO_VENDORS: [u16; 2] = [0x2341, 0x2a03];
 const ARDUINOS: [u16; 11] = [0x01, 0x43, 0x243, 0x6a, 0x62, 0x10, 0x42, 0x210, 0x242, 0x3f, 0x44];
 /// Serial chips of WCH, such as the CH343, that use the driver of modems.
-const MODEM_CHIPS: [Numbers; 2] = [(0x1a86, 0x55d3), (0x1a86, 0x55d4)];
+const MODEM_CHIPS: [UsbId; 2] = [(0x1a86, 0x55d3), (0x1a86, 0x55d4)];
 /// Adapters that lead to bus servos, or to anything else: Robotis's U2D2 (an FTDI chip), and the boards of Waveshare and
 /// Feetech (CH343, CH340).
-const BUS_ADAPTERS: [Numbers; 3] = [(0x0403, 0x6014), (0x1a86, 0x55d3), (0x1a86, 0x7523)];
+const BUS_ADAPTERS: [UsbId; 3] = [(0x0403, 0x6014), (0x1a86, 0x55d3), (0x1a86, 0x7523)];
 /// The longest time for which an FTDI adapter may hold bytes back, milliseconds. It is 16 unless somebody changes it.
 const MOST_LATENCY_MS: u32 = 4;
 
 /// The numbers of a USB device: vendor and product.
-pub type Numbers = (u16, u16);
+pub type UsbId = (u16, u16);
 
 /// What `device = "auto"` stands for, or what is at the end of an adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AutoDevice {
+pub enum Attached {
     Microcontroller,
     Maestro,
     /// An adapter whose line may lead to bus servos, or to anything else.
@@ -44,21 +44,21 @@ pub enum AutoDevice {
 /// Returns whether opening this port may restart the board. Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
 /// Whether the DTR of such a chip is connected is not known, so any board behind one counts. A board at another port
 /// restarts only if the lists above contain it.
-pub fn restarts(node: &Path, (vendor, product): Numbers) -> bool {
+pub fn restarts(node: &Path, (vendor, product): UsbId) -> bool {
     let is_arduino = ARDUINO_VENDORS.contains(&vendor) && ARDUINOS.contains(&product);
     is_arduino || node.to_string_lossy().contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
 
 /// Which kind of board this device is, if it is one.
-pub fn auto_device(numbers: Numbers) -> Option<AutoDevice> {
+pub fn attached(numbers: UsbId) -> Option<Attached> {
     let (vendor, product) = numbers;
     let is_board = VENDORS.contains(&vendor) && !PROBES.contains(&numbers) || (vendor, product >> 4) == TEENSY;
     if MAESTROS.contains(&numbers) {
-        Some(AutoDevice::Maestro)
+        Some(Attached::Maestro)
     } else if BUS_ADAPTERS.contains(&numbers) {
-        Some(AutoDevice::BusServos)
+        Some(Attached::BusServos)
     } else {
-        is_board.then_some(AutoDevice::Microcontroller)
+        is_board.then_some(Attached::Microcontroller)
     }
 }
 
@@ -102,9 +102,9 @@ mod tests {
     #[test]
     fn adapters_of_bus_servos_are_known_by_their_chips() {
         for numbers in [(0x0403, 0x6014), (0x1a86, 0x55d3), (0x1a86, 0x7523)] {
-            assert_eq!(auto_device(numbers), Some(AutoDevice::BusServos));
+            assert_eq!(attached(numbers), Some(Attached::BusServos));
         }
-        assert_eq!(auto_device((0x0403, 0x6001)), None);
+        assert_eq!(attached((0x0403, 0x6001)), None);
     }
 
     #[test]

@@ -5,23 +5,22 @@
 mod common;
 
 use std::fs;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::symlink;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
-use allocation_counter::measure;
 use common::board::{Board, StablePath};
-use common::eventually;
 use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, NO_CAMERA, Service};
+use common::{PATIENCE, eventually};
+use dynamixel2::instructions::SyncWriteData;
 use facewire::config;
-use facewire::link::{Link, Output, Pose, Traffic};
-use facewire_packet::{Reason, State};
+use facewire_servo::bus::FAMILIES;
 use facewire_servo::bus::simulator::{Simulator, Written};
 use facewire_servo::finder::{Finder, Press};
 use rustix::fs::fcntl_setfl;
@@ -31,55 +30,41 @@ use rustix::process::Signal;
 struct Bus {
     device: PathBuf,
     simulator: Arc<Mutex<Simulator>>,
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _is_plugged_in: Arc<()>,
 }
 
 impl Bus {
     fn plugged_in(family: &str, ids: &[u8]) -> Self {
+        let (_, family) = FAMILIES.iter().find(|(name, _)| *name == family).unwrap();
         Self::with(Arc::new(Mutex::new(Simulator::new(family, ids, Instant::now()))))
     }
 
     fn with(simulator: Arc<Mutex<Simulator>>) -> Self {
-        let (mut board, is_over) = (Board::plugged_in(), Arc::<AtomicBool>::default());
-        let (device, shared, over) = (board.device.clone(), Arc::clone(&simulator), Arc::clone(&is_over));
-        let thread = thread::spawn(move || {
-            while !over.load(Relaxed) {
+        let (mut board, plug) = (Board::plugged_in(), Arc::new(()));
+        let (device, shared, is_plugged_in) = (board.device.clone(), Arc::clone(&simulator), Arc::downgrade(&plug));
+        thread::spawn(move || {
+            while is_plugged_in.strong_count() > 0 {
                 let mut bytes = [0; 1024];
                 let length = board.master.read(&mut bytes).unwrap_or(0);
                 let answers = shared.lock().unwrap().take(&bytes[..length], Instant::now());
                 let _ = board.master.write_all(&answers);
-                if length == 0 {
-                    thread::sleep(Duration::from_millis(1));
-                }
+                thread::sleep(Duration::from_millis(1));
             }
         });
-        Self { device, simulator, is_over, thread: Some(thread) }
+        Self { device, simulator, _is_plugged_in: plug }
     }
 
     fn lock(&self) -> MutexGuard<'_, Simulator> {
         self.simulator.lock().unwrap()
     }
 
-    fn torques(&self) -> Vec<bool> {
-        self.lock().servos.iter().map(|servo| servo.has_torque()).collect()
+    /// Torque and place of each servo.
+    fn servos(&self) -> Vec<(bool, f64)> {
+        self.lock().servos.iter().map(|servo| (servo.has_torque(), servo.place.round())).collect()
     }
 
-    fn positions(&self) -> Vec<f64> {
-        self.lock().servos.iter().map(|servo| servo.position.round()).collect()
-    }
-
-    fn await_state(&self, torques: &[bool], positions: &[f64]) {
-        eventually(&format!("{torques:?} {positions:?}"), || {
-            (self.torques(), self.positions()) == (torques.to_vec(), positions.to_vec())
-        });
-    }
-}
-
-impl Drop for Bus {
-    fn drop(&mut self) {
-        self.is_over.store(true, Relaxed);
-        let _ = self.thread.take().map(JoinHandle::join);
+    fn await_servos(&self, wanted: &[(bool, f64)]) {
+        eventually(&format!("{wanted:?}"), || self.servos() == wanted);
     }
 }
 
@@ -94,43 +79,38 @@ speed_per_s = 1.0\nacceleration_per_s2 = 20.0\n",
     )
 }
 
-const FAMILIES: [&str; 5] = ["dynamixel-x", "dynamixel-ax", "dynamixel-mx", "feetech-sts", "feetech-scs"];
+fn rest(toml: &str) -> Run {
+    Run::of(&mut facewire(["rest", "--config", text(settings(toml).path())])).succeeded()
+}
 
 #[test]
 fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after_a_kill_and_a_rest() {
-    for family in FAMILIES {
+    let (held, free) = ([(true, 600.0), (true, 500.0)], [(false, 600.0), (false, 500.0)]);
+    for (family, _) in FAMILIES {
         let bus = Bus::plugged_in(family, &[1, 4]);
         let links = link(&bus.device, family);
+        // The way of 100 steps to rest takes the first one longer than it has before the service is stopped.
+        bus.lock().servos[0].motor = 300.0;
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
-        bus.await_state(&[true; 2], &[600.0, 500.0]);
-        bus.lock().servos[1].position = 700.0;
+        eventually("a servo on its way", || bus.servos()[0].1 > 505.0);
         let (_, took) = service.stop(Signal::TERM);
-        bus.await_state(&[false; 2], &[600.0, 500.0]);
+        bus.await_servos(&free);
         assert!(took < Duration::from_secs(4), "{took:?}");
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
-        bus.await_state(&[true; 2], &[600.0, 500.0]);
+        bus.await_servos(&held);
+        assert!(rest(&links).out.contains("another program has it open"), "beside a service nothing is released");
+        assert_eq!(bus.servos(), held);
         service.stop(Signal::KILL);
-        assert_eq!(bus.torques(), [true; 2], "a servo holds what it was told");
-        let file = settings(&links);
+        assert_eq!(bus.servos(), held, "a servo holds what it was told");
         // A second rest does no harm.
         for _ in 0..2 {
-            let run = Run::of(&mut facewire(["rest", "--config", text(file.path())]));
-            assert!(run.status == Some(0) && run.out.contains(": released"), "{run:?}");
-            bus.await_state(&[false; 2], &[600.0, 500.0]);
+            assert!(rest(&links).out.contains(": released"));
+            bus.await_servos(&free);
         }
-        assert!(bus.lock().strange.is_empty());
+        assert_eq!(bus.lock().strange, 0);
     }
-    for toml in [
-        "",
-        "[[link]]\nkind = \"bus-servo\"\ndevice = \"/dev/nothing\"\n[[link.channel]]\nchannel = 1\nsources = { jawOpen = 1.0 }\nposition_at_1 = 9\n",
-    ] {
-        let run = Run::of(&mut facewire(["rest", "--config", text(settings(toml).path())]));
-        assert_eq!(
-            (run.status, run.out.contains("/dev/nothing: there is no such")),
-            (Some(0), !toml.is_empty()),
-            "{run:?}"
-        );
-    }
+    assert!(rest(&link(Path::new("/dev/nothing"), "feetech-sts")).out.contains("/dev/nothing: there is no such"));
+    assert_eq!(rest("").out, "");
 }
 
 #[test]
@@ -139,9 +119,9 @@ fn servos_follow_a_face_and_a_line_that_was_unplugged_in_mid_move_begins_again_w
     symlink(&bus.device, stable.path()).unwrap();
     let service = Service::start(&[DEMO, &link(&stable.path(), "feetech-sts")].concat(), &[]);
     let moves = |bus: &Bus| {
-        eventually("both servos", || bus.torques() == [true; 2]);
-        let before = bus.positions();
-        eventually("the face", || bus.positions().iter().zip(&before).all(|(now, before)| (now - before).abs() > 3.0));
+        eventually("both servos", || bus.servos().iter().all(|(has_torque, _)| *has_torque));
+        let before = bus.servos();
+        eventually("the face", || bus.servos().iter().zip(&before).all(|(now, was)| (now.1 - was.1).abs() > 3.0));
     };
     moves(&bus);
     fs::remove_file(stable.path()).unwrap();
@@ -151,99 +131,139 @@ fn servos_follow_a_face_and_a_line_that_was_unplugged_in_mid_move_begins_again_w
     simulator.lock().unwrap().written.clear();
     let bus = Bus::with(simulator);
     symlink(&bus.device, stable.path()).unwrap();
-    // What was written first has a low speed.
-    let first = |id| {
-        let goal = |written: &&Written| written.1 == id && written.2 == 41;
-        bus.lock().written.iter().find(goal).map(|written| u16::from_le_bytes([written.3[5], written.3[6]]))
-    };
-    eventually("goals for both", || [1, 4].iter().all(|id| first(*id).is_some()));
-    assert!([1, 4].iter().all(|id| (1..=700).contains(&first(*id).unwrap())), "60 degrees are 683 steps");
+    for id in [1, 4] {
+        let is_goal = |it: &&Written| it.id == id && it.first == 41;
+        let first = || bus.lock().written.iter().find(is_goal).map(|it| (it.place - it.stood, it.speed));
+        eventually("a goal", || first().is_some());
+        // 60 degrees are 683 steps.
+        let (way, speed) = first().unwrap();
+        assert!(way.abs() < 1.0 && (1.0..=683.0).contains(&speed), "{way} {speed}");
+    }
     moves(&bus);
 }
 
 #[test]
 fn troubles_of_servos_are_told_once_with_what_to_do() {
     let bus = Bus::plugged_in("dynamixel-x", &[1]);
-    let service = Service::start(&[NO_CAMERA, &link(&bus.device, "dynamixel-x")].concat(), &[]);
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("metrics");
+    let metrics = format!("[metrics]\nlisten = \"unix:{}\"\n", socket.display());
+    let service = Service::start(&[NO_CAMERA, &metrics, &link(&bus.device, "dynamixel-x")].concat(), &[]);
     service.await_log("servo 4: it does not answer: check its power and cable");
-    eventually("the other servo", || bus.torques() == [true]);
+    bus.await_servos(&[(true, 600.0)]);
     bus.lock().plug_in(4, Instant::now());
-    bus.await_state(&[true; 2], &[600.0, 500.0]);
+    bus.await_servos(&[(true, 600.0), (true, 500.0)]);
     bus.lock().servos[0].alarms = 1 << 2;
     service.await_log("servo 1: it is too hot: cut its power");
     assert_eq!((service.logged("does not answer"), service.logged("too hot")), (1, 1));
-}
-
-#[test]
-fn the_sender_hands_a_face_over_without_an_allocation() {
-    let bus = Bus::plugged_in("feetech-scs", &[1, 4]);
-    let settings = config::parse("test", &link(&bus.device, "feetech-scs")).unwrap();
-    let mut link = Link::open(&settings.links[0], &Arc::<Traffic>::default()).unwrap();
-    eventually("the port", || link.is_open());
-    let mut pose = Pose::NEUTRAL;
-    pose.coefficients[17] = 1.0;
-    let (state, reason) = (State::Live, Reason::None);
-    let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: true, moving: false };
-    let allocated = measure(|| (0..100).for_each(|_| link.send_last(&settings.links[0], &output)));
-    assert_eq!(allocated.count_total, 0);
-    eventually("an open jaw", || {
-        link.send_last(&settings.links[0], &output);
-        thread::sleep(Duration::from_millis(20));
-        bus.positions() == [300.0, 500.0]
-    });
+    let mut stream = UnixStream::connect(socket).unwrap();
+    stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+    let page = io::read_to_string(stream).unwrap();
+    for (metric, value) in [("volts", ["5", "5"]), ("celsius", ["30", "30"]), ("trouble", ["1", "0"])] {
+        let shown = |id, value| format!("facewire_servo_{metric}{{link={:?},servo=\"{id}\"}} {value}\n", bus.device);
+        assert!(page.contains(&shown(1, value[0])) && page.contains(&shown(4, value[1])), "{metric} in {page}");
+    }
 }
 
 #[test]
 fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come_at_the_end() {
-    let (bus, terminal) = (Bus::plugged_in("feetech-scs", &[3]), Board::plugged_in());
-    let port = terminal.port();
-    fcntl_setfl(&port, rustix::fs::OFlags::empty()).unwrap();
-    let end = || Stdio::from(port.try_clone().unwrap());
-    let arguments = ["servo", "--channel", "3", "--bus", text(&bus.device), "--family", "feetech-scs", "--step", "100"];
-    let mut child = facewire(arguments).stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
-    let mut screen = String::new();
-    let mut shows = |what: &str| {
-        eventually(what, || {
-            let mut bytes = [0; 4096];
-            let length = (&terminal.master).read(&mut bytes).unwrap_or(0);
-            screen += &String::from_utf8_lossy(&bytes[..length]);
-            screen.contains(what)
-        });
-    };
-    let press = |key: &[u8]| (&terminal.master).write_all(key).unwrap();
-    shows(" 500 steps (no torque)");
-    assert_eq!(bus.torques(), [false]);
-    [b"\x1b[C", b"\x1b[C"].into_iter().for_each(|key| press(key));
-    bus.await_state(&[true], &[600.0]);
-    [&b"0"[..], b"\x1b[A", b"\x1b[A", b"1"].into_iter().for_each(press);
-    // A servo of this family allows 20 to 1003.
-    bus.await_state(&[true], &[1003.0]);
-    shows("1: 1003");
-    press(b"q");
-    shows("position_at_0 = 600\r\nposition_at_1 = 1003\r\n");
-    eventually("the end", || child.try_wait().unwrap().is_some());
-    bus.await_state(&[false], &[1003.0]);
-    assert!(bus.lock().servos[0].fastest <= 60.0 / 300.0 * 1023.0 + 1.0);
+    // The highest place that the servo allows, and 60 degrees in steps.
+    for (family, most, slow) in [("feetech-scs", 1003.0, 205.0), ("dynamixel-x", 4095.0, 683.0)] {
+        let (bus, terminal) = (Bus::plugged_in(family, &[3]), Board::plugged_in());
+        let port = terminal.port();
+        fcntl_setfl(&port, rustix::fs::OFlags::empty()).unwrap();
+        let end = || Stdio::from(port.try_clone().unwrap());
+        let start = |id| {
+            let bus = ["--bus", text(&bus.device), "--family", family, "--step", "100"];
+            let command = &mut facewire(["servo", "--channel", id].into_iter().chain(bus));
+            command.stdin(end()).stdout(end()).stderr(Stdio::piped()).spawn().unwrap()
+        };
+        for (id, alarms, want) in [("9", 0, "servo 9: it does not answer"), ("3", 1, "servo 3: its supply voltage")] {
+            bus.lock().servos[0].alarms = alarms;
+            let run = Run::ended(&start(id).wait_with_output().unwrap());
+            assert!(run.status == Some(69) && run.err.contains(want), "{run:?}");
+        }
+        bus.lock().servos[0].alarms = 0;
+        let (mut child, mut screen) = (start("3"), String::new());
+        let mut shows = |what: &str| {
+            eventually(what, || {
+                let mut bytes = [0; 4096];
+                let length = (&terminal.master).read(&mut bytes).unwrap_or(0);
+                screen += &String::from_utf8_lossy(&bytes[..length]);
+                screen.contains(what)
+            });
+        };
+        let press = |keys: &[&[u8]]| keys.iter().for_each(|key| (&terminal.master).write_all(key).unwrap());
+        shows(" 500 steps (no torque)");
+        bus.await_servos(&[(false, 500.0)]);
+        press(&[b"\x1b[C", b"\x1b[C"]);
+        bus.await_servos(&[(true, 600.0)]);
+        press(&[b"0"]);
+        press(&[&b"\x1b[A"[..]; 8]);
+        press(&[b"1"]);
+        bus.await_servos(&[(true, most)]);
+        shows(&format!("1: {most}"));
+        press(&[b"q"]);
+        shows(&format!("position_at_0 = 600\r\nposition_at_1 = {most}\r\n"));
+        eventually("the end", || child.try_wait().unwrap().is_some());
+        bus.await_servos(&[(false, most)]);
+        let is_slow = |it: &Written| it.data.len() == 1 || (1.0..slow).contains(&it.speed);
+        assert!(bus.lock().written.iter().all(is_slow));
+    }
 }
 
 #[test]
 fn a_scan_lists_the_servos_of_a_line_and_moves_none() {
-    let bus = Bus::plugged_in("feetech-sts", &[2, 5]);
-    let mut command = facewire(["devices", "--scan", text(&bus.device)]);
-    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines().take(2).map(Result::unwrap);
-    let want = [2, 5].map(|id| format!("servo {id} at 1000000 baud: model 777, family = \"feetech-sts\""));
-    assert_eq!(lines.collect::<Vec<_>>(), want);
-    child.kill().and_then(|()| child.wait()).unwrap();
-    assert!(bus.lock().written.is_empty() && bus.lock().strange.is_empty());
+    for ((family, _), model) in FAMILIES.iter().zip([1200, 12, 29, 777, 1284]) {
+        let bus = Bus::plugged_in(family, &[2, 5]);
+        bus.lock().echoes = true;
+        let mut command = facewire(["devices", "--scan", text(&bus.device)]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines().take(2).map(Result::unwrap);
+        let want = [2, 5].map(|id| format!("servo {id} at 1000000 baud: model {model}, family = \"{family}\""));
+        assert_eq!(lines.collect::<Vec<_>>(), want);
+        let progress = BufReader::new(child.stderr.take().unwrap()).lines().next().map(Result::unwrap);
+        assert_eq!(progress.as_deref(), Some("facewire: searching at 1000000 baud by protocol 1.0"));
+        child.kill().and_then(|()| child.wait()).unwrap();
+        assert!(bus.lock().written.is_empty() && bus.lock().strange == 0);
+    }
+}
+
+#[test]
+fn another_implementation_of_protocol_2_makes_the_same_frames_and_understands_the_answers() {
+    let open =
+        |device: &Path| dynamixel2::Bus::open_with_buffers(device, 57_600, vec![0; 2048], vec![0; 2048]).unwrap();
+    let (board, mut random) = (Board::plugged_in(), fastrand::Rng::with_seed(2));
+    let mut other = open(&board.device);
+    // Unlike the maker's library, the other implementation takes no notice of a header behind another 0xFF.
+    let mut bytes = || [[0xFF, 0xFF, 0xFD], [0xFD, 0, random.u8(..0xFF)], [0xFD, 0xFD, 0]][random.usize(..3)];
+    for count in 1..=30 {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::<u8>::new());
+        let goals: Vec<_> = (0..count).map(|id| (id, [(); 4].map(|()| bytes()).concat())).collect();
+        FAMILIES[0].1.write_goals(&goals, &mut ours);
+        other.sync_write(108, 12, goals.iter().map(|(id, data)| SyncWriteData { motor_id: *id, data })).unwrap();
+        eventually("a frame", || {
+            let mut bytes = [0; 2048];
+            let length = (&board.master).read(&mut bytes).unwrap_or(0);
+            theirs.extend(&bytes[..length]);
+            theirs.len() >= ours.len()
+        });
+        assert_eq!(theirs, ours);
+    }
+    let bus = Bus::plugged_in("dynamixel-x", &[1]);
+    bus.lock().servos[0].registers[150..154].copy_from_slice(&[0xFF, 0xFF, 0xFD, 0xFD]);
+    let mut other = open(&bus.device);
+    other.write_instruction(1, 2, 4, |parameters| parameters.copy_from_slice(&[148, 0, 6, 0])).unwrap();
+    let status = other.read_status_response_deadline(Instant::now() + PATIENCE).unwrap();
+    assert_eq!((status.packet_id(), status.parameters()), (1, &[0, 0, 0xFF, 0xFF, 0xFD, 0xFD][..]));
 }
 
 #[test]
 fn the_lines_of_a_servo_whose_ends_were_found_load_as_settings() {
     for (kind, is_bus) in [("maestro", false), ("pca9685", false), ("bus-servo", true)] {
         let mut finder = Finder::new(1500.0, 100.0, [500.0, 2500.0], is_bus);
-        let up = Press::Move(5.0);
-        for key in [up, Press::Neutral, up, Press::End(0), Press::Move(-5.0), Press::End(1)] {
+        for key in [Press::Move(5.0), Press::Neutral, Press::Move(5.0), Press::End(0), Press::Move(-5.0), Press::End(1)]
+        {
             finder.press(key);
             let text = format!("[[link]]\nkind = \"{kind}\"\n{}", finder.lines(3));
             assert!(config::parse("test", &text).is_ok(), "{text}");

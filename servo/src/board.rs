@@ -54,13 +54,16 @@ impl Dials {
     }
 }
 
-/// A channel: where it goes, where it is by now within its limits, its pulse, and where an operator wants it.
+/// A channel: where it goes, where it is by now within its limits, its place, which is a pulse in microseconds or the step of
+/// a bus servo, and where an operator wants it.
 #[derive(Debug, Default)]
 pub struct Dial {
     pub number: u16,
     pub target: Number,
     pub position: Number,
-    pub pulse_us: Number,
+    pub place: Number,
+    /// What a bus servo tells of itself, in the order of [`HEALTH`](crate::bus::HEALTH).
+    pub health: [Number; 4],
     jog: Number,
 }
 
@@ -79,7 +82,7 @@ impl Number {
         Some(f32::from_bits(self.0.load(Relaxed))).filter(|number| !number.is_nan())
     }
 
-    fn set(&self, number: Option<f32>) {
+    pub(crate) fn set(&self, number: Option<f32>) {
         self.0.store(number.unwrap_or(f32::NAN).to_bits(), Relaxed);
     }
 }
@@ -88,7 +91,7 @@ impl Number {
 pub struct Board {
     pub channels: Vec<Channel>,
     pub moved_at: Option<Instant>,
-    dials: Arc<Dials>,
+    pub(crate) dials: Arc<Dials>,
 }
 
 fn sorted(settings: &[ChannelSettings]) -> Vec<Channel> {
@@ -125,7 +128,7 @@ impl Board {
         for (dial, channel) in self.dials.channels.iter().zip(&self.channels) {
             dial.target.set(Some(channel.target));
             dial.position.set(Some(channel.motion.position));
-            dial.pulse_us.set(channel.place_now().filter(|_| self.moved_at.is_some()));
+            dial.place.set(channel.place_now().filter(|_| self.moved_at.is_some()));
         }
     }
 }

@@ -74,6 +74,11 @@ impl ChannelSettings {
         SOURCE_NAMES.into_iter().zip(self.sources).filter(|(_, gain)| *gain != 0.0)
     }
 
+    pub(crate) fn limits(&self) -> Limits {
+        let limit = |value| if value > 0.0 { value } else { f32::INFINITY };
+        Limits { speed_per_s: limit(self.speed_per_s), acceleration_per_s2: limit(self.acceleration_per_s2) }
+    }
+
     /// Returns the least and the greatest position that the sum can have before it is limited, for coefficients from 0 to 1
     /// and angles of the head up to 90 degrees.
     pub fn range(&self) -> [f32; 2] {
@@ -115,12 +120,7 @@ pub struct Channel {
 impl Channel {
     pub fn new(settings: &ChannelSettings) -> Self {
         let neutral = if settings.neutral < 0.0 { settings.offset.clamp(0.0, 1.0) } else { settings.neutral };
-        let limit = |value| if value > 0.0 { value } else { f32::INFINITY };
-        let limits = Limits {
-            speed_per_s: limit(settings.speed_per_s),
-            acceleration_per_s2: limit(settings.acceleration_per_s2),
-        };
-        let number = u16::try_from(settings.channel).unwrap_or_default();
+        let (limits, number) = (settings.limits(), u16::try_from(settings.channel).unwrap_or_default());
         let ends = [settings.pulse_at_0_us as f32, settings.pulse_at_1_us as f32];
         let (settings, motion, target) = (settings.clone(), Motion::at(neutral), neutral);
         let (is_released, is_first, jog, is_off) = (false, false, None, false);

@@ -3,59 +3,61 @@
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-use crate::bus::{Kind, MOST_SERVOS, Unit};
+use crate::bus::{Family, MOST_SERVOS, Unit};
 use crate::maestro::{ACCELERATION_UNIT_US_PER_S2, SPEED_UNIT_US_PER_S};
 use crate::pca9685::{CHANNELS, Period};
 use crate::{ChannelSettings, Form, dmx::PULSES_US};
 
+const PULSES: [&str; 2] = ["link.channel.pulse_at_0_us", "link.channel.pulse_at_1_us"];
+const POSITIONS: [&str; 2] = ["link.channel.position_at_0", "link.channel.position_at_1"];
+
 /// What boards of a kind can do.
-pub struct Ability {
+pub struct Capabilities {
     name: &'static str,
     /// The numbers of channels.
     channels: RangeInclusive<u32>,
     /// Whether channels have addresses and values by DMX.
     is_dmx: bool,
-    longest_pulse_us: u32,
-    /// The highest position of a bus servo, in the unit of the settings.
-    most_position: Option<f32>,
+    /// Whether the ends are places of bus servos, in the unit of the settings, or pulses.
+    is_bus: bool,
+    /// The longest pulse, or the highest place.
+    most: f32,
     /// Least limits of speed and acceleration that the board can keep, in the unit of its ends.
     least_limits: [f32; 2],
 }
 
-impl Ability {
+impl Capabilities {
     /// The values of a universe stand for pulses, and a channel of 16 bits takes two addresses.
     pub const DMX: Self = Self {
         name: "universe",
         channels: 1..=512,
         is_dmx: true,
-        longest_pulse_us: 65_535,
-        most_position: None,
+        is_bus: false,
+        most: 65_535.0,
         least_limits: [0.0; 2],
     };
 
     /// Maestros with 12 channels or more, which have the command for several targets, make longer pulses.
     #[must_use]
     pub fn maestro(has_multiple_targets: bool) -> Self {
-        let longest_pulse_us = if has_multiple_targets { 4080 } else { 3280 };
+        let most = if has_multiple_targets { 4080.0 } else { 3280.0 };
         let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-        Self { name: "Maestro", channels: 0..=23, is_dmx: false, longest_pulse_us, least_limits, ..Self::DMX }
+        Self { name: "Maestro", channels: 0..=23, is_dmx: false, most, least_limits, ..Self::DMX }
     }
 
     /// A pulse of a PCA9685 ends within the period.
     #[must_use]
     pub fn pca9685(period: Period) -> Self {
-        let (longest_pulse_us, channels) = (period.longest_pulse_us() as u32, 0..=u32::from(CHANNELS) - 1);
-        Self { name: "PCA9685", channels, is_dmx: false, longest_pulse_us, ..Self::DMX }
+        let (most, channels) = (period.longest_pulse_us().floor(), 0..=u32::from(CHANNELS) - 1);
+        Self { name: "PCA9685", channels, is_dmx: false, most, ..Self::DMX }
     }
 
     /// Bus servos of a family, whose ends have this unit.
     #[must_use]
-    pub fn bus_servo(kind: Kind, unit: Unit) -> Self {
-        let family = kind.family();
-        let step = if unit == Unit::Degrees { family.degrees_per_step } else { 1.0 };
-        let (most_position, least_limits) =
-            (Some(f32::from(family.most_steps) * step), family.least_limits().map(|it| it * step));
-        Self { name: family.name, channels: 0..=252, is_dmx: false, most_position, least_limits, ..Self::DMX }
+    pub fn bus_servo(family: &Family, unit: Unit) -> Self {
+        let step = unit.step(family);
+        let (most, least_limits) = (f32::from(family.most_steps) * step, family.units.map(|it| it * step));
+        Self { name: family.name, channels: 0..=252, is_dmx: false, is_bus: true, most, least_limits }
     }
 }
 
@@ -69,7 +71,7 @@ pub struct Fault {
 
 /// Returns the faults of the channels of one board. Sources are checked only if all of them could be read.
 #[must_use]
-pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) -> Vec<Fault> {
+pub fn faults(board: &Capabilities, channels: &[ChannelSettings], has_sources: bool) -> Vec<Fault> {
     let mut check = Check { board, faults: Vec::new() };
     for (index, channel) in channels.iter().enumerate() {
         check.number(channel, channels.get(..index).unwrap_or_default());
@@ -78,7 +80,7 @@ pub fn faults(board: &Ability, channels: &[ChannelSettings], has_sources: bool) 
         }
         check.motion(channel);
     }
-    let is_one_too_many = board.most_position.is_some() && channels.len() > MOST_SERVOS;
+    let is_one_too_many = board.is_bus && channels.len() > MOST_SERVOS;
     let expected = format!("at most {MOST_SERVOS} servos on one line, and others another line and link");
     check.need(!is_one_too_many, "link.channel", channels.len(), expected);
     check.faults
@@ -93,7 +95,7 @@ pub fn limited(channel: &ChannelSettings) -> Option<String> {
 }
 
 struct Check<'a> {
-    board: &'a Ability,
+    board: &'a Capabilities,
     faults: Vec<Fault>,
 }
 
@@ -105,7 +107,7 @@ impl Check<'_> {
     }
 
     fn number(&mut self, channel: &ChannelSettings, earlier: &[ChannelSettings]) {
-        let Ability { name, channels, .. } = self.board;
+        let Capabilities { name, channels, .. } = self.board;
         let (key, number, is_dmx) = ("link.channel.channel", channel.channel, self.board.is_dmx);
         let overlaps = |other: &&ChannelSettings| {
             let [one, other] = [channel.addresses(), other.addresses()];
@@ -144,15 +146,29 @@ impl Check<'_> {
     }
 
     fn motion(&mut self, channel: &ChannelSettings) {
-        let ChannelSettings { channel: number, position_at_0, position_at_1, .. } = *channel;
-        let span = if self.board.most_position.is_some() {
-            self.positions(channel);
-            (position_at_0 - position_at_1).abs()
+        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+        let Capabilities { name, is_dmx, is_bus, most, least_limits: [least_speed, least_acceleration], .. } =
+            *self.board;
+        let (end, ends, why) = if is_bus {
+            let ends = [channel.position_at_0, channel.position_at_1];
+            ("place", ends, format!("a servo of {name} goes no further"))
         } else {
-            self.pulses(channel);
-            channel.pulse_at_0_us.abs_diff(channel.pulse_at_1_us) as f32
+            let ends = [pulse_at_0_us, pulse_at_1_us].map(|pulse_us| pulse_us as f32);
+            ("pulse", ends, format!("the {name} cannot make a longer pulse"))
         };
-        let Ability { name, least_limits: [least_speed, least_acceleration], .. } = *self.board;
+        let keys = if is_bus { POSITIONS } else { PULSES };
+        for (key, at) in keys.into_iter().zip(ends) {
+            self.need(at <= most, key, at, format!("at most {most:.0} for channel {number}: {why}"));
+            let [least_us, most_us] = PULSES_US;
+            let values =
+                format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
+            let is_value = !is_dmx || channel.dmx == Form::Microseconds;
+            let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
+            self.need(is_value || (least_us as f32..=most_us as f32).contains(&at), key, at, expected);
+        }
+        let (at_0, span) = (keys[0].trim_start_matches("link.channel."), (ends[0] - ends[1]).abs());
+        let expected = format!("another {end} than {at_0} for channel {number}: the servo would not move");
+        self.need(span != 0.0, keys[1], ends[1], expected);
         let limits = [
             ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
             ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
@@ -164,48 +180,18 @@ impl Check<'_> {
             self.need(limit <= 0.0 || limit * span >= least, key, limit, expected);
         }
     }
-
-    fn positions(&mut self, channel: &ChannelSettings) {
-        let (number, name, most) = (channel.channel, self.board.name, self.board.most_position.unwrap_or(0.0));
-        let at_1 = "link.channel.position_at_1";
-        for (key, position) in [("link.channel.position_at_0", channel.position_at_0), (at_1, channel.position_at_1)] {
-            let expected = format!("at most {most:.0} for channel {number}: a servo of {name} goes no further");
-            self.need(position <= most, key, position, expected);
-        }
-        let expected = format!("another place than position_at_0 for channel {number}: the servo would not move");
-        self.need(channel.position_at_0 != channel.position_at_1, at_1, channel.position_at_1, expected);
-    }
-
-    fn pulses(&mut self, channel: &ChannelSettings) {
-        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
-        let Ability { name, longest_pulse_us, .. } = *self.board;
-        let at_1 = "link.channel.pulse_at_1_us";
-        for (key, pulse_us) in [("link.channel.pulse_at_0_us", pulse_at_0_us), (at_1, pulse_at_1_us)] {
-            let expected =
-                format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
-            self.need(pulse_us <= longest_pulse_us, key, pulse_us, expected);
-            let [least_us, most_us] = PULSES_US;
-            let values =
-                format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
-            let is_value = !self.board.is_dmx || channel.dmx == Form::Microseconds;
-            let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
-            self.need(is_value || (least_us..=most_us).contains(&pulse_us), key, pulse_us, expected);
-        }
-        let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
-        self.need(pulse_at_0_us != pulse_at_1_us, at_1, pulse_at_1_us, expected);
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channel::tests::valued;
+    use crate::{bus::FAMILIES, channel::tests::valued};
 
     fn jaw(channel: u32) -> ChannelSettings {
         ChannelSettings { channel, sources: valued(&[("jawOpen", 1.0)]), ..ChannelSettings::default() }
     }
 
-    fn told(board: &Ability, channels: &[ChannelSettings]) -> String {
+    fn told(board: &Capabilities, channels: &[ChannelSettings]) -> String {
         let fault = |Fault { key, value, expected }| format!("{key} = {value}: give {expected}");
         faults(board, channels, true).into_iter().map(fault).collect::<Vec<_>>().join("\n")
     }
@@ -229,19 +215,19 @@ mod tests {
             (with(|it| it.acceleration_per_s2 = 0.3), "link.channel.acceleration_per_s2 = 0.3: give 0 or at least"),
             (with(|it| it.acceleration_per_s2 = 0.313), ""),
         ] {
-            let told = told(&Ability::maestro(false), &[channel]);
+            let told = told(&Capabilities::maestro(false), &[channel]);
             assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");
         }
         let slow_or_late = [with(|it| it.speed_per_s = 0.02), with(|it| it.pulse_at_0_us = 2600)];
         for (board, want) in [
-            (Ability::maestro(false), "speed_per_s = 0.02"),
-            (Ability::pca9685(Period::new(400, 25_000_000)), "pulse_at_0_us = 2600"),
+            (Capabilities::maestro(false), "speed_per_s = 0.02"),
+            (Capabilities::pca9685(Period::new(400, 25_000_000)), "pulse_at_0_us = 2600"),
         ] {
             let told = slow_or_late.each_ref().map(|channel| told(&board, std::slice::from_ref(channel))).concat();
             assert!(told.starts_with(&format!("link.channel.{want}: give")) && !told.contains('\n'), "{told}");
         }
         let served = |position_at_0, position_at_1, speed_per_s| {
-            let board = Ability::bus_servo(Kind::FeetechSts, Unit::Degrees);
+            let board = Capabilities::bus_servo(FAMILIES[3].1, Unit::Degrees);
             let channel = ChannelSettings { position_at_0, position_at_1, speed_per_s, ..jaw(252) };
             told(&board, &[channel])
         };
@@ -260,13 +246,13 @@ mod tests {
             assert!(channel.starts_with(want) && channel.is_empty() == want.is_empty(), "{want}: {channel}");
         }
         let line: Vec<_> = (1..=31).map(|id| ChannelSettings { position_at_1: 100.0, ..jaw(id) }).collect();
-        let told_of_line = told(&Ability::bus_servo(Kind::DynamixelX, Unit::Steps), &line);
+        let told_of_line = told(&Capabilities::bus_servo(Family::DYNAMIXEL_X, Unit::Steps), &line);
         assert!(told_of_line.starts_with("link.channel = 31: give at most 30 servos on one line"), "{told_of_line}");
         let twice = "link.channel.channel = 3: give a number that no earlier channel of this board has";
-        assert_eq!(told(&Ability::maestro(false), &[jaw(3), jaw(3)]), twice);
+        assert_eq!(told(&Capabilities::maestro(false), &[jaw(3), jaw(3)]), twice);
         let wide = ChannelSettings { dmx: Form::Bits16, ..jaw(3) };
-        assert_eq!(told(&Ability::maestro(false), &[wide, jaw(4)]), "", "the form is that of DMX alone");
-        assert!(faults(&Ability::maestro(false), &[with(|it| it.sources.fill(0.0))], false).is_empty());
+        assert_eq!(told(&Capabilities::maestro(false), &[wide, jaw(4)]), "", "the form is that of DMX alone");
+        assert!(faults(&Capabilities::maestro(false), &[with(|it| it.sources.fill(0.0))], false).is_empty());
     }
 
     #[test]
@@ -291,7 +277,7 @@ mod tests {
             (&[pulse(2100, one)], "link.channel.pulse_at_1_us = 2100: give 1000 to 2000 for channel 1: the lowest"),
             (&[pulse(2100, Form::Microseconds)], ""),
         ] {
-            let told = told(&Ability::DMX, channels);
+            let told = told(&Capabilities::DMX, channels);
             assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");
         }
     }

@@ -7,10 +7,10 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use serialport::{SerialPortInfo, SerialPortType};
 
-use super::failure::{Failure, print};
+use super::failure::{Failure, print, say};
 use crate::capture::v4l2::{Camera, Found, cameras};
 use crate::link::{lost, open_port};
-use facewire_board::{AutoDevice, auto_device, links_to};
+use facewire_board::{Attached, attached, links_to};
 use facewire_servo::bus::{Protocol, find};
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
@@ -30,7 +30,7 @@ struct Port {
     /// The kind of link for which `device = "auto"` would choose it.
     kind: Option<&'static str>,
     #[serde(skip)]
-    board: Option<AutoDevice>,
+    board: Option<Attached>,
 }
 
 pub fn run(as_json: bool) -> Result<(), Failure> {
@@ -56,11 +56,12 @@ pub fn run(as_json: bool) -> Result<(), Failure> {
 pub fn scan(device: &Path) -> Result<(), Failure> {
     for (baud, protocol) in SCANNED_BAUDS.into_iter().flat_map(|baud| [(baud, Protocol::One), (baud, Protocol::Two)]) {
         let mut port = open_port(device, baud, SCAN_PATIENCE)?;
+        say(format!("searching at {baud} baud by protocol {}.0", protocol as u8 + 1));
         for id in 0..=252 {
-            let Some((model, kind)) = find(&mut port, protocol, id).map_err(|error| lost(device, error))? else {
+            let Some((model, family)) = find(&mut port, protocol, id).map_err(|error| lost(device, error))? else {
                 continue;
             };
-            let family = kind.map_or("unknown", |kind| kind.family().name);
+            let family = family.map_or("unknown", |family| family.name);
             print(&format!("servo {id} at {baud} baud: model {model}, family = \"{family}\"\n"))?;
         }
     }
@@ -96,12 +97,12 @@ impl Port {
         let (path, node) = (port.port_name.clone(), Path::new(&port.port_name));
         let stable_paths: Vec<_> = link_folders.iter().flat_map(|folder| links_to(node, folder.as_ref())).collect();
         let name = usb.map_or("UART", |usb| usb.product.as_deref().unwrap_or("USB")).to_owned();
-        let board = usb.and_then(|usb| auto_device((usb.vid, usb.pid)));
+        let board = usb.and_then(|usb| attached((usb.vid, usb.pid)));
         let is_first = stable_paths.iter().any(|link| link.to_string_lossy().ends_with("-if00"));
         let kind = match board {
-            Some(AutoDevice::Maestro) => is_first.then_some("maestro"),
-            Some(AutoDevice::Microcontroller) => Some("serial"),
-            Some(AutoDevice::BusServos) | None => None,
+            Some(Attached::Maestro) => is_first.then_some("maestro"),
+            Some(Attached::Microcontroller) => Some("serial"),
+            Some(Attached::BusServos) | None => None,
         };
         let usb = usb.map(|usb| [usb.vid, usb.pid].map(|number| format!("{number:04x}")));
         Self { path, name, stable_paths, usb, kind, board }
@@ -111,9 +112,9 @@ impl Port {
         let mut text = format!("serial port {} ({})\n", self.path, self.name);
         text.extend(self.stable_paths.iter().map(|link| format!("  stable path {}\n", link.display())));
         text += match (self.board, self.kind) {
-            (Some(AutoDevice::Maestro), Some(_)) => "  takes commands: kind = \"maestro\"\n",
-            (Some(AutoDevice::Maestro), None) => "  takes no commands: its first port does\n",
-            (Some(AutoDevice::BusServos), _) => "  may lead to bus servos: kind = \"bus-servo\"\n",
+            (Some(Attached::Maestro), Some(_)) => "  takes commands: kind = \"maestro\"\n",
+            (Some(Attached::Maestro), None) => "  takes no commands: its first port does\n",
+            (Some(Attached::BusServos), _) => "  may lead to bus servos: kind = \"bus-servo\"\n",
             _ => "",
         };
         text

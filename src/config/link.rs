@@ -3,18 +3,18 @@
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
-use facewire_board::AutoDevice;
+use facewire_board::Attached;
 use facewire_face::Adjustments;
 use facewire_packet::formats::dmx::{USUAL_HZ, group};
 use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
-use facewire_servo::bus::{Kind, Unit};
+use facewire_servo::bus::{FAMILIES, Family, Unit};
 use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
 use facewire_servo::{AtLoss, ChannelSettings, Form, SOURCE_NAMES, Sources};
 
 use super::overlay::{Entry, Field, Overlay, Section, field, section};
 use super::value::{
-    Address, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, UP_TO_64_CHARACTERS, address, choice,
+    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, UP_TO_64_CHARACTERS, address, choice,
     choices, flag, json_target, local_address, number, one_of, optional_address, parameters, serial_device,
     socket_address, table, text, whole,
 };
@@ -130,7 +130,7 @@ link_kinds! {
     BusServo = "bus-servo", BusServoSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
         baud: u32 = 1_000_000, whole(9_600..=4_500_000, " (1/s)");
-        family: Kind = Kind::DynamixelX, choice();
+        family: &'static Family = Family::DYNAMIXEL_X, choice();
         unit: Unit = Unit::Steps, choice();
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
@@ -185,9 +185,8 @@ choices! {
 }
 choices! { AtLoss: Neutral = "neutral", Release = "release" }
 choices! { Unit: Steps = "steps", Degrees = "degrees" }
-choices! {
-    Kind: DynamixelX = "dynamixel-x", DynamixelAx = "dynamixel-ax", DynamixelMx = "dynamixel-mx",
-        FeetechSts = "feetech-sts", FeetechScs = "feetech-scs"
+impl Choice for &'static Family {
+    const ALL: &'static [(&'static str, Self)] = FAMILIES;
 }
 choices! { Form: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
@@ -253,11 +252,11 @@ impl LinkKind {
     }
 
     /// The serial port, its baud rate, and what `device = "auto"` stands for.
-    pub fn line(&self) -> Option<(&SerialDevice, u32, AutoDevice)> {
+    pub fn line(&self) -> Option<(&SerialDevice, u32, Attached)> {
         match self {
-            Self::Serial(SerialSettings { device, baud }) => Some((device, *baud, AutoDevice::Microcontroller)),
-            Self::Maestro(MaestroSettings { device, baud, .. }) => Some((device, *baud, AutoDevice::Maestro)),
-            Self::BusServo(BusServoSettings { device, baud, .. }) => Some((device, *baud, AutoDevice::BusServos)),
+            Self::Serial(SerialSettings { device, baud }) => Some((device, *baud, Attached::Microcontroller)),
+            Self::Maestro(MaestroSettings { device, baud, .. }) => Some((device, *baud, Attached::Maestro)),
+            Self::BusServo(BusServoSettings { device, baud, .. }) => Some((device, *baud, Attached::BusServos)),
             _ => None,
         }
     }

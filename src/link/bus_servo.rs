@@ -10,9 +10,9 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use facewire_board::{AutoDevice, latency_remedy, root};
+use facewire_board::{Attached, latency_remedy, root};
 use facewire_packet::{Packet, Reason};
-use facewire_servo::bus::{Line, release};
+use facewire_servo::bus::Line;
 use serialport::{SerialPort as _, TTYPort};
 
 use super::background::Device;
@@ -36,7 +36,6 @@ pub struct Port {
     device: PathBuf,
     tty: TTYPort,
     line: Line,
-    message: Vec<u8>,
     told: String,
     logged: LoggedReasons,
     panel: Arc<Panel>,
@@ -48,16 +47,15 @@ impl Device for Servos {
 
     fn open(&mut self) -> Result<Port, LinkError> {
         let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
-        let device = PortSearch::new(device, AutoDevice::BusServos).find()?;
+        let device = PortSearch::new(device, Attached::BusServos).find()?;
         let (_claim, tty) = (PortClaim::acquire(&device)?, open_port(&device, *baud, WRITE_TIMEOUT)?);
         tracing::info!("link opened: {} at {baud} baud", device.display());
         if let Some(late) = latency_remedy(&root(), &device) {
             tracing::warn!("link {}: {late}", device.display());
         }
-        let line = Line::new(*family, *unit, *baud, channels, &self.panel.dials);
-        let (message, told, logged, panel) =
-            (Vec::new(), String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
-        Ok(Port { device, tty, line, message, told, logged, panel, _claim })
+        let line = Line::new(family, *unit, *baud, channels, &self.panel.dials);
+        let (told, logged, panel) = (String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
+        Ok(Port { device, tty, line, told, logged, panel, _claim })
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
@@ -71,11 +69,11 @@ impl Device for Servos {
 
 /// Takes the torque from servos that no link moves.
 pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
-    let device = PortSearch::new(&settings.device, AutoDevice::BusServos).find()?;
+    let device = PortSearch::new(&settings.device, Attached::BusServos).find()?;
     let (mut tty, mut message) = (open_port(&device, settings.baud, WRITE_TIMEOUT)?, Vec::new());
-    let ids = settings.channels.iter().map(|channel| channel.channel as u8);
+    let ids: Vec<u8> = settings.channels.iter().map(|channel| channel.channel as u8).collect();
     // The first one may complete a message that was cut off.
-    (0..2).for_each(|_| release(settings.family.family(), ids.clone(), &mut message));
+    (0..2).for_each(|_| settings.family.write_torque(&ids, false, &mut message));
     tty.write_all(&message).map_err(|error| lost(&device, error))
 }
 
@@ -88,9 +86,9 @@ impl Port {
         let mut input = [0; 1024];
         let waiting = input.get_mut(..(self.tty.bytes_to_read()? as usize).min(1024)).unwrap_or_default();
         self.tty.read_exact(waiting)?;
-        self.message.clear();
-        let is_made = self.line.step(packet, waiting, Instant::now(), &mut self.message);
-        Ok(is_made && in_time(self.tty.write(&self.message))? == Some(self.message.len()))
+        let mut message = Vec::new();
+        let is_made = self.line.step(packet, waiting, Instant::now(), &mut message);
+        Ok(is_made && in_time(self.tty.write(&message))? == Some(message.len()))
     }
 
     fn tell(&mut self) {
@@ -121,8 +119,8 @@ impl Drop for Port {
         }
         // The answer to the last question must not meet what takes the torque.
         thread::sleep(STEP);
-        self.message.clear();
-        self.line.release(&mut self.message);
-        let _ = self.tty.write(&self.message);
+        let mut message = Vec::new();
+        self.line.release(&mut message);
+        let _ = self.tty.write(&message);
     }
 }

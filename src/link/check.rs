@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-use facewire_board::AutoDevice;
+use facewire_board::Attached;
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES};
 use facewire_packet::FRAME_BYTES;
 use facewire_packet::formats::LiveLink;
@@ -17,7 +17,7 @@ use crate::config::{
     VrchatSettings, quoted,
 };
 use facewire_servo::ChannelSettings;
-use facewire_servo::check::{Ability, Fault, faults, limited};
+use facewire_servo::check::{Capabilities, Fault, faults, limited};
 use facewire_servo::maestro::COMMAND_BYTES;
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
@@ -40,16 +40,16 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             check.speed(line);
         }
         match &link.kind {
-            LinkKind::Maestro(it) => check.servos(&Ability::maestro(it.multiple_targets), &it.channels),
+            LinkKind::Maestro(it) => check.servos(&Capabilities::maestro(it.multiple_targets), &it.channels),
             LinkKind::Pca9685(it) => {
                 check.chip(it);
-                check.servos(&Ability::pca9685(it.period()), &it.channels);
+                check.servos(&Capabilities::pca9685(it.period()), &it.channels);
                 check.needs_even_steps("PCA9685");
             }
             LinkKind::BusServo(it) => {
                 let expected = "the path of the adapter's port, because anything may be connected to such an adapter";
                 check.need(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
-                check.servos(&Ability::bus_servo(it.family, it.unit), &it.channels);
+                check.servos(&Capabilities::bus_servo(it.family, it.unit), &it.channels);
                 check.needs_even_steps("bus servo");
             }
             LinkKind::Sacn(SacnSettings { universe, from, channels, .. })
@@ -64,7 +64,7 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
     }
 }
 
-type Line<'a> = (&'a SerialDevice, u32, AutoDevice);
+type Line<'a> = (&'a SerialDevice, u32, Attached);
 
 struct Check<'a> {
     link: &'a LinkSettings,
@@ -100,7 +100,7 @@ impl Check<'_> {
     /// Adds a fault for a serial line that is too slow for its link. By USB, which is where "auto" finds a Maestro, a baud
     /// rate means nothing.
     fn speed(&mut self, (device, baud, auto): Line<'_>) {
-        let is_usb = *device == SerialDevice::Auto && auto == AutoDevice::Maestro;
+        let is_usb = *device == SerialDevice::Auto && auto == Attached::Maestro;
         if is_usb || ["camera", "send"].iter().any(|table| self.faults.has_invalid_value(table)) {
             return;
         }
@@ -110,7 +110,7 @@ impl Check<'_> {
         let (message_bytes, share) = match &self.link.kind {
             // A command for each channel, in the longer of both protocols and with a CRC.
             LinkKind::Maestro(it) => (COMMAND_BYTES * it.channels.len().max(1), LINE_SHARE),
-            LinkKind::BusServo(it) => (it.family.family().line_bytes(it.channels.len()), 100),
+            LinkKind::BusServo(it) => (it.family.line_bytes(it.channels.len()), 100),
             _ => (FRAME_BYTES, LINE_SHARE),
         };
         let most_hz = |baud: u32| {
@@ -120,7 +120,7 @@ impl Check<'_> {
         if most_hz(baud) >= rate_hz {
             return;
         }
-        let most_baud = if auto == AutoDevice::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
+        let most_baud = if auto == Attached::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
         let usual = || USUAL_BAUDS.into_iter().filter(|usual| *usual <= most_baud);
         let slower = |baud| format!("pace = \"rate\" and rate_hz = {}", most_hz(baud));
         let fastest = usual().next_back().unwrap_or(baud);
@@ -140,7 +140,7 @@ impl Check<'_> {
         self.need(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
     }
 
-    fn servos(&mut self, board: &Ability, channels: &[ChannelSettings]) {
+    fn servos(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
         self.need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
         let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
         self.need(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
@@ -152,7 +152,7 @@ impl Check<'_> {
         self.need(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
     }
 
-    fn channels(&mut self, board: &Ability, channels: &[ChannelSettings]) {
+    fn channels(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
         // A source with a typing error counts for nothing.
         let has_sources = !self.faults.has_any_in("link.channel.sources");
         for Fault { key, value, expected } in faults(board, channels, has_sources) {
@@ -175,7 +175,7 @@ impl Check<'_> {
         self.need(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
         self.need(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
-        self.channels(&Ability::DMX, channels);
+        self.channels(&Capabilities::DMX, channels);
         from.iter().for_each(|from| self.sender(*from));
     }
 

@@ -24,7 +24,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-use facewire_board::{AutoDevice, latency_remedy, root};
+use facewire_board::{Attached, latency_remedy, root};
 pub use facewire_packet::Pose;
 
 pub use self::background::Background;
@@ -153,7 +153,7 @@ impl Link {
             };
             claims.push(PortClaim::acquire(&port)?);
             open_port(&port, baud, Duration::ZERO)?;
-            let late = latency_remedy(&root(), &port).filter(|_| auto == AutoDevice::BusServos);
+            let late = latency_remedy(&root(), &port).filter(|_| auto == Attached::BusServos);
             let late = late.map(|late| format!("; {late}")).unwrap_or_default();
             return Ok(format!("{} at {baud} baud{late}", port.display()));
         }

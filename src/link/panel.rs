@@ -65,7 +65,7 @@ impl Panel {
     pub fn status(&self) -> LinkStatus {
         let kind = self.kind.name();
         let channel = |dial: &Dial| {
-            let [target, position, pulse_us] = [&dial.target, &dial.position, &dial.pulse_us].map(Number::get);
+            let [target, position, pulse_us] = [&dial.target, &dial.position, &dial.place].map(Number::get);
             ChannelStatus { number: dial.number, target, position, pulse_us }
         };
         LinkStatus {

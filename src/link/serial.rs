@@ -325,7 +325,7 @@ pub(super) fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use facewire_board::AutoDevice;
+    use facewire_board::Attached;
     use facewire_packet::FRAME_BYTES;
 
     use super::*;
@@ -362,7 +362,7 @@ mod tests {
         modes.control_modes |= ControlModes::HUPCL;
         tcsetattr(&other, OptionalActions::Now, &modes).unwrap();
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
-        let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
+        let search = PortSearch::new(&SerialDevice::Auto, Attached::Microcontroller);
         let maestro = Some(MaestroSettings::default());
         let mut line =
             Line { search, is_found: true, baud: 115_200, maestro, first_claim: None, panel: Arc::default() };

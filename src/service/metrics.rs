@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::net::IpAddr;
 
+use facewire_servo::{Dial, Number, bus::HEALTH};
 use httparse::{EMPTY_HEADER, Request, Status};
 use rustix::param::page_size;
 
@@ -80,6 +81,16 @@ pub(super) fn page(counters: &Counters) -> String {
         for (value, sample) in row.samples {
             let label = if row.label.is_empty() { String::new() } else { format!("{{{}=\"{value}\"}}", row.label) };
             let _ = writeln!(page, "facewire_{}{total}{label} {sample}", row.metric);
+        }
+    }
+    for (at, (metric, help)) in HEALTH.iter().enumerate() {
+        head(&mut page, metric, "gauge", help);
+        for panel in counters.panels() {
+            for Dial { number, health, .. } in &panel.dials.channels {
+                if let Some(value) = health.get(at).and_then(Number::get) {
+                    let _ = writeln!(page, "facewire_{metric}{{link={:?},servo=\"{number}\"}} {value}", panel.receiver);
+                }
+            }
         }
     }
     let [stages @ .., (_, work), (_, age)] = counters.times.all();

@@ -301,7 +301,7 @@ mod tests {
             operator.is_released.store(is_released, Relaxed);
             sender.step(&mut history);
             assert_eq!(operator.told_released.load(Relaxed), is_released, "the next round obeys");
-            while panel.dials.channels[0].pulse_us.get().is_none() != is_released {
+            while panel.dials.channels[0].place.get().is_none() != is_released {
                 thread::yield_now();
             }
         }
@@ -320,7 +320,7 @@ mod tests {
             }
         };
         until((State::Live, 0.5), true);
-        assert_eq!(panel.dials.channels[0].pulse_us.get(), None, "nothing wins over a release");
+        assert_eq!(panel.dials.channels[0].place.get(), None, "nothing wins over a release");
         let other = config::parse("test", &link.replace("away", "gone")).unwrap();
         let links = Links::change(&other, Vec::new(), &counters.traffic).unwrap();
         let reloaded = links.panels().remove(0);
@@ -328,11 +328,11 @@ mod tests {
         while reloaded.dropped.load(Relaxed) < 3 {
             thread::yield_now();
         }
-        assert_eq!(reloaded.dials.channels[0].pulse_us.get(), None, "nor does a reload");
+        assert_eq!(reloaded.dials.channels[0].place.get(), None, "nor does a reload");
         until((State::Neutral, 0.0), false);
         assert!(!operator.is_driven.load(Relaxed));
         operator.is_released.store(false, Relaxed);
-        while reloaded.dials.channels[0].pulse_us.get().is_none() {
+        while reloaded.dials.channels[0].place.get().is_none() {
             thread::yield_now();
         }
         counters.stop();

@@ -19,13 +19,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::{Restore, stopped_by};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
-use facewire::config::{
-    BusServoSettings, Choice as _, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings,
-};
+use facewire::config::{BusServoSettings, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
 use facewire::link::pca9685::Bus;
 use facewire::link::{PortSearch, lost, open_port};
-use facewire_board::AutoDevice;
-use facewire_servo::bus::{Kind, Single};
+use facewire_board::Attached;
+use facewire_servo::bus::{FAMILIES, Family, Single};
 use facewire_servo::finder::{Finder, Press, REACH_US};
 use facewire_servo::maestro::{Code, SILENCE, check_answer, speed, target};
 use facewire_servo::pca9685::{CHANNELS, address};
@@ -79,7 +77,7 @@ pub struct ServoArgs {
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["maestro", "pca9685"], requires = "family")]
     bus: Option<PathBuf>,
     /// The family of the bus servo, as in the settings
-    #[arg(long, value_name = "NAME", requires = "bus", value_parser = PossibleValuesParser::new(Kind::ALL.iter().map(|(name, _)| *name)))]
+    #[arg(long, value_name = "NAME", requires = "bus", value_parser = PossibleValuesParser::new(FAMILIES.iter().map(|(name, _)| *name)))]
     family: Option<String>,
     /// The baud rate of the bus servo
     #[arg(long, value_name = "BAUD", default_value_t = 1_000_000, requires = "bus")]
@@ -115,15 +113,9 @@ impl ServoArgs {
             return LinkKind::Pca9685(Pca9685Settings { bus, address: self.address, ..Pca9685Settings::default() });
         }
         if let (Some(device), Some(name)) = (&self.bus, &self.family) {
-            let (device, kind) =
-                (SerialDevice::Path(device.clone()), Kind::ALL.iter().find(|(known, _)| known == name));
-            let family = kind.map_or(Kind::DynamixelX, |(_, kind)| *kind);
-            return LinkKind::BusServo(BusServoSettings {
-                device,
-                family,
-                baud: self.baud,
-                ..BusServoSettings::default()
-            });
+            let (device, baud) = (SerialDevice::Path(device.clone()), self.baud);
+            let family = FAMILIES.iter().find(|(known, _)| known == name).map_or(Family::DYNAMIXEL_X, |it| it.1);
+            return LinkKind::BusServo(BusServoSettings { device, family, baud, ..BusServoSettings::default() });
         }
         let kinds = settings.links.iter().map(|link| &link.kind);
         let found = kinds.clone().find(|kind| kind.channels().is_some() && kind.universe().is_none());
@@ -186,7 +178,7 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
 }
 
 fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Failure> {
-    let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
+    let device = PortSearch::new(&settings.device, Attached::Maestro).find()?;
     let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, settings.commands());
     let _ = tty.clear(ClearBuffer::Input);
     if settings.read_errors && check_answer(&mut tty, settings.pololu_commands(), protocol).is_err() {
@@ -203,7 +195,7 @@ fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Fai
 
 /// Opens a bus servo, and begins where it stands.
 fn open_bus(settings: &BusServoSettings, id: u8, step: f32) -> Result<(SetPulse, Finder), Failure> {
-    let device = PortSearch::new(&settings.device, AutoDevice::BusServos).find()?;
+    let device = PortSearch::new(&settings.device, Attached::BusServos).find()?;
     let servo = Single::open(open_port(&device, settings.baud, BUS_PATIENCE)?, settings.family, id);
     let mut servo = servo.map_err(|trouble| Failure::unavailable(format!("{}: {trouble}", device.display())))?;
     let finder = Finder::new(servo.place(), step, servo.reach(), true);

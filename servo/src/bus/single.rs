@@ -2,31 +2,35 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 
-use super::family::{Block, Family, Goal, Kind, Order, Reader, Registers, Status};
-use super::{Protocol, SILENT, START_DEGREES_PER_S, release};
+use super::family::{FAMILIES, Family, Field, Reader, Registers, store, unknown};
+use super::{Protocol, SILENT, START_DEGREES_PER_S};
 
 /// What any servo has at the beginning of its registers: model and number.
-const START: Block = Block(0, 8);
+const START: Field = (0, 8);
 const MOST_BYTES: usize = 512;
-const KINDS: [Kind; 5] = [Kind::DynamixelX, Kind::DynamixelAx, Kind::DynamixelMx, Kind::FeetechSts, Kind::FeetechScs];
 
-/// Asks a servo, and waits until the port's own time is out. Returns nothing if it does not answer.
-fn ask(port: &mut (impl Read + Write), protocol: Protocol, id: u8, block: Block) -> io::Result<Option<(u8, Vec<u8>)>> {
-    let (mut question, mut reader, mut bytes) = (Vec::new(), Reader::new(protocol), [0; 64]);
-    protocol.write_read(id, block, &mut question);
+/// Asks a servo, and waits until the port's own time is out. Returns the error that it answers, or nothing if it does not.
+fn ask(
+    port: &mut (impl Read + Write),
+    protocol: Protocol,
+    id: u8,
+    field: Field,
+    registers: &mut Registers,
+) -> io::Result<Option<u8>> {
+    let (mut question, mut reader, mut byte) = (Vec::new(), Reader::default(), [0]);
+    protocol.write_read(id, field, &mut question);
     port.write_all(&question)?;
     for _ in 0..MOST_BYTES {
-        let length = match port.read(&mut bytes) {
+        match port.read_exact(&mut byte) {
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => return Ok(None),
             read => read?,
-        };
-        for byte in bytes.iter().take(length) {
-            if let Some(Ok(Status { id: from, error, data })) = reader.push(*byte)
-                && from == id
-                && data.len() == usize::from(block.1)
-            {
-                return Ok(Some((error, data.to_vec())));
-            }
+        }
+        if let Some(Ok(frame)) = reader.push(protocol, byte[0])
+            && let Some((error, data)) = protocol.answer(&frame)
+            && (frame.id, data.len()) == (id, usize::from(field.1))
+        {
+            store(field, data, registers);
+            return Ok(Some(error));
         }
     }
     Ok(None)
@@ -36,13 +40,17 @@ fn ask(port: &mut (impl Read + Write), protocol: Protocol, id: u8, block: Block)
 ///
 /// # Errors
 /// If the port fails. A servo that does not answer is none.
-pub fn find(port: &mut (impl Read + Write), protocol: Protocol, id: u8) -> io::Result<Option<(u32, Option<Kind>)>> {
-    let Some((_, data)) = ask(port, protocol, id, START)? else { return Ok(None) };
-    let mut registers: Registers = [0; 160];
-    START.store(&data, &mut registers);
-    let is_of = |kind: &Kind| kind.family().protocol == protocol && kind.family().has_start(&registers, id);
-    let kind = KINDS.into_iter().find(is_of);
-    Ok(Some((kind.unwrap_or(Kind::DynamixelX).family().model(&registers), kind)))
+pub fn find(
+    port: &mut (impl Read + Write),
+    protocol: Protocol,
+    id: u8,
+) -> io::Result<Option<(u32, Option<&'static Family>)>> {
+    let mut registers = unknown();
+    let is_there = ask(port, protocol, id, START, &mut registers)?.is_some();
+    let is_of = |family: &&Family| family.protocol == protocol && family.has_start(&registers, id);
+    let family = FAMILIES.iter().map(|(_, family)| *family).find(is_of);
+    let model = family.unwrap_or(Family::DYNAMIXEL_X).model(&registers);
+    Ok(is_there.then_some((model, family)))
 }
 
 /// A servo that keys move, slowly.
@@ -59,24 +67,21 @@ impl<P: Read + Write> Single<P> {
     ///
     /// # Errors
     /// If the servo does not answer, has an alarm, or is not set to positions.
-    pub fn open(port: P, kind: Kind, id: u8) -> Result<Self, String> {
-        let mut servo = Self { port, family: kind.family(), id, registers: [0; 160], is_on: false };
-        let mut alarms = 0;
-        for block in servo.family.blocks {
-            let (error, data) = ask(&mut servo.port, servo.family.protocol, id, *block)
-                .map_err(|error| error.to_string())?
-                .ok_or_else(|| format!("servo {id}: {SILENT}"))?;
-            block.store(&data, &mut servo.registers);
-            alarms = servo.family.alarms(&servo.registers, error);
+    pub fn open(mut port: P, family: &'static Family, id: u8) -> Result<Self, String> {
+        let (mut registers, mut alarm, told) = (unknown(), None, |trouble: &str| format!("servo {id}: {trouble}"));
+        for field in family.reads {
+            let error = ask(&mut port, family.protocol, id, *field, &mut registers);
+            let error = error.map_err(|error| error.to_string())?.ok_or_else(|| told(SILENT))?;
+            alarm = family.alarm(&registers, error);
         }
-        let refusal = servo.family.refusal(&servo.registers, servo.reach());
-        let alarm = if alarms > 0 { servo.family.trouble(&servo.registers, alarms) } else { None };
-        refusal.or(alarm).map_or(Ok(servo), |trouble| Err(format!("servo {id}: {trouble}")))
+        let servo = Self { port, family, id, registers, is_on: false };
+        let refusal = family.refusal(&servo.registers, servo.reach());
+        refusal.or(alarm.map(str::to_owned)).map_or(Ok(servo), |trouble| Err(told(&trouble)))
     }
 
     /// Where the servo stood, in steps.
     pub fn place(&self) -> f32 {
-        self.family.position(&self.registers)
+        self.family.place(&self.registers)
     }
 
     /// The lowest and the highest place that the servo allows.
@@ -89,26 +94,21 @@ impl<P: Read + Write> Single<P> {
     /// # Errors
     /// If the port fails.
     pub fn set(&mut self, place: Option<f32>) -> io::Result<()> {
-        let (family, id, mut message) = (self.family, self.id, Vec::new());
-        let goal = |servo: &Self, steps| {
-            let goal = Goal { steps, steps_per_s: START_DEGREES_PER_S / family.degrees_per_step, steps_per_s2: 0.0 };
-            (id, family.goal(goal, &servo.registers))
-        };
-        match place {
-            None => release(family, [id], &mut message),
-            Some(_) if !std::mem::replace(&mut self.is_on, true) => {
-                // It may have been turned by hand, and begins where it stands.
-                if let [.., block] = family.blocks
-                    && let Some((_, data)) = ask(&mut self.port, family.protocol, id, *block)?
-                {
-                    block.store(&data, &mut self.registers);
-                }
-                let start = goal(self, self.place());
-                family.write(&[(id, Order::watchdog(false)), start, (id, Order::torque(true))], &mut message);
-            }
-            Some(steps) => family.write(&[goal(self, steps)], &mut message),
+        let (family, mut message) = (self.family, Vec::new());
+        let begins = place.is_some() && !self.is_on;
+        if let ([.., field], true) = (family.reads, begins) {
+            // It may have been turned by hand, and begins where it stands.
+            ask(&mut self.port, family.protocol, self.id, *field, &mut self.registers)?;
+            family.write_watchdog(&[self.id], false, &mut message);
         }
-        self.is_on &= place.is_some();
+        if let Some(place) = place.map(|place| if begins { self.place() } else { place }) {
+            let goal = family.goal([place, START_DEGREES_PER_S / family.degrees_per_step, 0.0], &self.registers);
+            family.write_goals(&[(self.id, goal)], &mut message);
+        }
+        if begins || place.is_none() {
+            family.write_torque(&[self.id], begins, &mut message);
+        }
+        self.is_on = place.is_some();
         self.port.write_all(&message)
     }
 }

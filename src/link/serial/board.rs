@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use facewire_board::{AutoDevice, Numbers, auto_device, restarts};
+use facewire_board::{Attached, UsbId, attached, restarts};
 use serialport::{SerialPortType, available_ports};
 
 use crate::config::SerialDevice;
@@ -32,14 +32,14 @@ pub fn restarts_board(device: &Path) -> bool {
 
 pub struct PortSearch {
     device: SerialDevice,
-    wanted: AutoDevice,
+    wanted: Attached,
     chosen: Option<PathBuf>,
     missed_at: Option<Instant>,
 }
 
 impl PortSearch {
     /// `wanted` is what "auto" stands for.
-    pub fn new(device: &SerialDevice, wanted: AutoDevice) -> Self {
+    pub fn new(device: &SerialDevice, wanted: Attached) -> Self {
         Self { device: device.clone(), wanted, chosen: None, missed_at: None }
     }
 
@@ -52,7 +52,7 @@ impl PortSearch {
     }
 
     /// Chooses among the boards at these ports, and names the others if there is no board.
-    fn choose(&mut self, ports: Vec<(PathBuf, Numbers)>, now: Instant) -> Result<PathBuf, LinkError> {
+    fn choose(&mut self, ports: Vec<(PathBuf, UsbId)>, now: Instant) -> Result<PathBuf, LinkError> {
         let [mut boards, others] = sorted(ports, self.wanted);
         let error = |kind, sentence: &str| Err(LinkError::new(kind, "auto", sentence));
         if let Some(chosen) = &self.chosen {
@@ -68,7 +68,7 @@ impl PortSearch {
                 (self.chosen, self.missed_at) = (Some(board.clone()), None);
                 Ok(board.clone())
             }
-            [] if self.wanted == AutoDevice::Maestro => {
+            [] if self.wanted == Attached::Maestro => {
                 error(LinkErrorKind::Waiting, "waits for a Pololu Maestro; none is plugged into USB")
             }
             [] => {
@@ -91,7 +91,7 @@ fn joined(ports: &[PathBuf]) -> String {
 }
 
 /// Lists the serial ports of USB devices by their nodes.
-fn usb_ports() -> impl Iterator<Item = (PathBuf, Numbers)> {
+fn usb_ports() -> impl Iterator<Item = (PathBuf, UsbId)> {
     // `available_ports` panics if this folder cannot be read.
     let ports = fs::read_dir("/sys/class/tty").ok().and_then(|_| available_ports().ok());
     ports.unwrap_or_default().into_iter().filter_map(|port| match port.port_type {
@@ -101,7 +101,7 @@ fn usb_ports() -> impl Iterator<Item = (PathBuf, Numbers)> {
 }
 
 /// Lists the serial ports of USB devices by their stable paths.
-fn stable_ports() -> Vec<(PathBuf, Numbers)> {
+fn stable_ports() -> Vec<(PathBuf, UsbId)> {
     let ports: Vec<_> = usb_ports().collect();
     let links = fs::read_dir(LINKS).into_iter().flatten().flatten().map(|entry| entry.path());
     let stable = links.filter_map(|link| {
@@ -114,7 +114,7 @@ fn stable_ports() -> Vec<(PathBuf, Numbers)> {
 
 /// Returns the first port of each device: the wanted boards, and the others. A stable path has the name of the device, and
 /// after `-if` the number of the port.
-fn sorted(mut ports: Vec<(PathBuf, Numbers)>, wanted: AutoDevice) -> [Vec<PathBuf>; 2] {
+fn sorted(mut ports: Vec<(PathBuf, UsbId)>, wanted: Attached) -> [Vec<PathBuf>; 2] {
     let device = |path: &Path| {
         let path = path.to_string_lossy();
         path.rsplit_once("-if").map_or(path.to_string(), |(device, _)| device.to_owned())
@@ -122,26 +122,25 @@ fn sorted(mut ports: Vec<(PathBuf, Numbers)>, wanted: AutoDevice) -> [Vec<PathBu
     ports.sort();
     ports.dedup_by(|(later, _), (earlier, _)| device(later) == device(earlier));
     // A Maestro is not among the others, because the message would recommend its path.
-    ports.retain(|(_, numbers)| auto_device(*numbers) != Some(AutoDevice::Maestro) || wanted == AutoDevice::Maestro);
-    let (boards, others): (Vec<_>, _) =
-        ports.into_iter().partition(|(_, numbers)| auto_device(*numbers) == Some(wanted));
+    ports.retain(|(_, numbers)| attached(*numbers) != Some(Attached::Maestro) || wanted == Attached::Maestro);
+    let (boards, others): (Vec<_>, _) = ports.into_iter().partition(|(_, numbers)| attached(*numbers) == Some(wanted));
     [boards, others].map(|ports| ports.into_iter().map(|(path, _)| path).collect())
 }
 
 #[cfg(test)]
 mod tests {
-    use AutoDevice::{Maestro, Microcontroller};
+    use Attached::{Maestro, Microcontroller};
 
     use super::*;
 
     /// The ports of devices with these names and numbers. Each device has two.
-    fn ports(devices: &[(&str, Numbers)]) -> Vec<(PathBuf, Numbers)> {
+    fn ports(devices: &[(&str, UsbId)]) -> Vec<(PathBuf, UsbId)> {
         let ports = ["-if02", "-if00"].iter().flat_map(|port| devices.iter().map(move |device| (port, device)));
         ports.map(|(port, (name, numbers))| (format!("{name}{port}").into(), *numbers)).collect()
     }
 
     /// Asserts that this device is found among others, or none, and that the message names these devices.
-    fn finds(devices: &[(&str, Numbers)], wanted: AutoDevice, found: Option<&str>, named: &str) {
+    fn finds(devices: &[(&str, UsbId)], wanted: Attached, found: Option<&str>, named: &str) {
         let result = PortSearch::new(&SerialDevice::Auto, wanted).choose(ports(devices), Instant::now());
         assert_eq!(result.as_ref().ok(), found.map(|name| format!("{name}-if00").into()).as_ref(), "{result:?}");
         let message = result.err().map(|error| error.message).unwrap_or_default();
@@ -170,7 +169,7 @@ mod tests {
         // Somebody must choose.
         finds(&[head, other], Microcontroller, None, ": Head-if00, Other-if00");
         let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);
-        let mut find = |devices: &[(&str, Numbers)], now| search.choose(ports(devices), now);
+        let mut find = |devices: &[(&str, UsbId)], now| search.choose(ports(devices), now);
         assert_eq!(find(&[head], now), Ok("Head-if00".into()));
         assert_eq!(find(&[head, other], now), Ok("Head-if00".into()));
         // A board that is away for seconds is waited for, and later another takes its place.

@@ -475,7 +475,7 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
             assert!((0.0..=1.0).contains(&position) && speed.abs() <= speed_per_s * 1.01, "{speed} {line:?}");
             assert!(is_released || change_per_s <= acceleration_per_s2 * 1.2, "{change_per_s}");
             *before = (position, if is_released { 0.0 } else { speed });
-            assert_eq!(dial.pulse_us.get().is_none(), is_released);
+            assert_eq!(dial.place.get().is_none(), is_released);
             pulses += u32::from(speed != 0.0);
         }
     }

@@ -1,16 +1,18 @@
 //! Frames of bus servos: Dynamixel's protocols 1.0 and 2.0 (<https://emanual.robotis.com/docs/en/dxl/protocol2/>). Feetech's
 //! servos have those of 1.0.
 
+use super::Field;
+
 const BROADCAST: u8 = 0xFE;
 /// Begins a frame of protocol 2.0, and those of 1.0 with its first two bytes.
 const HEADER: [u8; 4] = [0xFF, 0xFF, 0xFD, 0];
 /// In the contents of a frame of protocol 2.0, these bytes are followed by another 0xFD, so that they begin no frame.
-const STUFFED: [u8; 3] = [0xFF, 0xFF, 0xFD];
-const STATUS: u8 = 0x55;
+const STUFFED: &[u8] = &[0xFF, 0xFF, 0xFD];
+/// The instructions that servos get, and the one of an answer by protocol 2.0.
+pub const READ: u8 = 0x02;
+pub const SYNC_WRITE: u8 = 0x83;
+pub const STATUS: u8 = 0x55;
 const CRC_POLYNOMIAL: u16 = 0x8005;
-/// A servo of protocol 1.0 has a buffer of 143 bytes.
-const FRAME_BYTES: [usize; 2] = [143, 1024];
-const ANSWER_BYTES: usize = 256;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Protocol {
@@ -18,165 +20,120 @@ pub enum Protocol {
     Two,
 }
 
-/// The only instructions that servos get.
-#[derive(Debug, Clone, Copy)]
-enum Instruction {
-    Read = 0x02,
-    SyncWrite = 0x83,
-}
-
-/// Neighbouring registers that are read together: the first address, and how many bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block(pub u8, pub u8);
-
-impl Block {
-    /// Puts what an answer tells of these registers in its place.
-    pub(in crate::bus) fn store(self, answer: &[u8], registers: &mut [u8]) {
-        registers.iter_mut().skip(self.0.into()).zip(answer).for_each(|(to, from)| *to = *from);
-    }
+/// What a frame carries. The first of its contents is the instruction, or the error of an answer by protocol 1.0.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Frame {
+    pub id: u8,
+    pub contents: Vec<u8>,
 }
 
 impl Protocol {
+    fn is_two(self) -> bool {
+        self == Self::Two
+    }
+
+    /// The longest frame. A servo of protocol 1.0 has a buffer of 143 bytes.
+    fn most_bytes(self) -> usize {
+        if self.is_two() { 1024 } else { 143 }
+    }
+
     /// Appends a question for registers. Its length differs from that of the answer, so that its echo is never taken for one.
-    pub fn write_read(self, id: u8, Block(address, length): Block, out: &mut Vec<u8>) {
-        match self {
-            Self::One => self.write(id, Instruction::Read, [address, length], out),
-            Self::Two => self.write(id, Instruction::Read, [address, 0, length, 0], out),
+    pub fn write_read(self, id: u8, field: Field, out: &mut Vec<u8>) {
+        self.write(id, [&[READ][..], &self.place(field)].concat(), out);
+    }
+
+    /// Appends frames that write these registers in each of the servos, if the family has them. Nobody answers.
+    pub(super) fn write_sync(self, field: Field, servos: &[(u8, Vec<u8>)], out: &mut Vec<u8>) {
+        let (room, servos) =
+            ((self.most_bytes() - 14) / (usize::from(field.1) + 1), if field.1 > 0 { servos } else { &[] });
+        for servos in servos.chunks(room) {
+            let data = servos.iter().flat_map(|(id, data)| [&[*id][..], data].concat());
+            let start = [&[SYNC_WRITE][..], &self.place(field)].concat();
+            self.write(BROADCAST, start.into_iter().chain(data), out);
         }
     }
 
-    /// Appends frames that write this many bytes from this address on, in each of the servos. Nobody answers.
-    pub(super) fn write_sync<const N: usize>(
-        self,
-        address: u8,
-        length: usize,
-        servos: &[(u8, [u8; N])],
-        out: &mut Vec<u8>,
-    ) {
-        let start: &[u8] = match self {
-            Self::One => &[address, length as u8],
-            Self::Two => &[address, 0, length as u8, 0],
-        };
-        let room = FRAME_BYTES.map(|most| (most - 14) / (length + 1));
-        for servos in servos.chunks(if self == Self::One { room[0] } else { room[1] }.max(1)) {
-            let data = servos.iter().flat_map(|(id, data)| [*id].into_iter().chain(data.iter().copied().take(length)));
-            self.write(BROADCAST, Instruction::SyncWrite, start.iter().copied().chain(data), out);
+    /// How instructions name registers.
+    fn place(self, (address, length): Field) -> Vec<u8> {
+        if self.is_two() { vec![address, 0, length, 0] } else { vec![address, length] }
+    }
+
+    /// The error and the data of an answer. Echoes of messages by protocol 1.0 look like answers, too.
+    pub fn answer(self, frame: &Frame) -> Option<(u8, &[u8])> {
+        match frame.contents.as_slice() {
+            [STATUS, error, data @ ..] if self.is_two() => Some((*error, data)),
+            [error, data @ ..] if !self.is_two() => Some((*error, data)),
+            _ => None,
         }
     }
 
-    fn write(self, id: u8, instruction: Instruction, parameters: impl IntoIterator<Item = u8>, out: &mut Vec<u8>) {
-        let begin = out.len();
-        let contents = [instruction as u8].into_iter().chain(parameters);
-        if self == Self::One {
-            out.extend([0xFF, 0xFF, id, 0]);
-            out.extend(contents);
-            let length = out.len() - begin - 3;
-            out.iter_mut().skip(begin + 3).take(1).for_each(|byte| *byte = length as u8);
-            out.push(checksum(out.get(begin + 2..).unwrap_or_default()));
-        } else {
-            out.extend(HEADER.into_iter().chain([id, 0, 0]));
-            for byte in contents {
-                out.push(byte);
-                if out.get(begin + 7..).is_some_and(|contents| contents.ends_with(&STUFFED)) {
-                    out.push(0xFD);
-                }
+    pub fn write(self, id: u8, contents: impl IntoIterator<Item = u8>, out: &mut Vec<u8>) {
+        let (mut body, begin) = (Vec::new(), out.len());
+        for byte in contents {
+            body.push(byte);
+            if self.is_two() && body.ends_with(STUFFED) {
+                body.push(0xFD);
             }
-            let length = (out.len() - begin - 5) as u16;
-            out.iter_mut().skip(begin + 5).zip(length.to_le_bytes()).for_each(|(to, from)| *to = from);
-            out.extend(crc(out.get(begin..).unwrap_or_default()).to_le_bytes());
+        }
+        let [low, high] = (body.len() as u16 + if self.is_two() { 2 } else { 1 }).to_le_bytes();
+        if self.is_two() {
+            out.extend(HEADER.into_iter().chain([id, low, high]));
+        } else {
+            out.extend([0xFF, 0xFF, id, low]);
+        }
+        out.append(&mut body);
+        let check = self.check(out.get(begin..).unwrap_or_default());
+        out.extend(check);
+    }
+
+    /// The end of a frame: a checksum, or a CRC.
+    fn check(self, frame: &[u8]) -> Vec<u8> {
+        if self.is_two() {
+            let shift = |crc: u16, _| (crc << 1) ^ ((crc >> 15) * CRC_POLYNOMIAL);
+            let crc = frame.iter().fold(0, |crc, byte| (0..8).fold(crc ^ u16::from(*byte) << 8, shift));
+            crc.to_le_bytes().to_vec()
+        } else {
+            vec![!frame.iter().skip(2).fold(0, |sum: u8, byte| sum.wrapping_add(*byte))]
         }
     }
 
     /// How long the frame is that these bytes begin, as soon as they tell. `None` if they begin none.
     fn length(self, bytes: &[u8]) -> Option<usize> {
-        let (header, place) = if self == Self::One { (HEADER.get(..2)?, 3) } else { (&HEADER[..], 5) };
-        if bytes.iter().zip(header).any(|(byte, header)| byte != header) {
+        let (header, start) = if self.is_two() { (4, 7) } else { (2, 4) };
+        let begins = bytes.iter().zip(HEADER).take(header).all(|(byte, header)| *byte == header);
+        // An ID of 0xFF is the second byte of a header that begins later.
+        if !begins || !self.is_two() && bytes.get(2) == Some(&0xFF) {
             return None;
         }
-        let length = match (self, bytes.get(place), bytes.get(place + 1)) {
-            // An ID of 0xFF is the second byte of a header that begins later.
-            (Self::One, ..) if bytes.get(2) == Some(&0xFF) => return None,
-            (Self::One, Some(length), _) => 4 + usize::from(*length),
-            (Self::Two, Some(low), Some(high)) => 7 + usize::from(u16::from_le_bytes([*low, *high])),
-            _ => return Some(ANSWER_BYTES),
-        };
-        let least = if self == Self::One { 6 } else { 11 };
-        (least..=ANSWER_BYTES).contains(&length).then_some(length)
+        let Some(length) = bytes.get(header + 1..start) else { return Some(start) };
+        let rest = length.iter().rev().fold(0, |length, byte| length << 8 | usize::from(*byte));
+        (start - header..self.most_bytes()).contains(&rest).then_some(start + rest)
+    }
+
+    fn frame(self, bytes: &[u8]) -> Option<Frame> {
+        let (id, start, end) = if self.is_two() { (4, 7, 2) } else { (2, 4, 1) };
+        let (body, check) = bytes.split_at_checked(bytes.len().checked_sub(end)?)?;
+        let contents = body.get(start..).filter(|_| self.check(body) == check)?;
+        let is_stuffing = |at: usize| self.is_two() && at >= 3 && contents.get(at - 3..at) == Some(STUFFED);
+        let kept = (0..).zip(contents).filter(|(at, byte)| **byte != 0xFD || !is_stuffing(*at));
+        Some(Frame { id: *body.get(id)?, contents: kept.map(|(_, byte)| *byte).collect() })
     }
 }
 
-fn checksum(bytes: &[u8]) -> u8 {
-    !bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))
-}
-
-fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc: u16, _| (crc << 1) ^ ((crc >> 15) * CRC_POLYNOMIAL))
-    })
-}
-
-/// What a servo answers.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Status<'a> {
-    pub id: u8,
-    pub error: u8,
-    pub data: &'a [u8],
-}
-
-/// Finds answers among bytes, in memory of its own.
-pub struct Reader {
-    protocol: Protocol,
-    bytes: [u8; ANSWER_BYTES],
-    length: usize,
-    data: [u8; ANSWER_BYTES],
-}
+/// Finds frames among bytes.
+#[derive(Default)]
+pub struct Reader(pub Vec<u8>);
 
 impl Reader {
-    pub fn new(protocol: Protocol) -> Self {
-        Self { protocol, bytes: [0; ANSWER_BYTES], length: 0, data: [0; ANSWER_BYTES] }
-    }
-
-    /// Forgets the beginning of a frame.
-    pub fn clear(&mut self) {
-        self.length = 0;
-    }
-
-    /// Takes a byte. Returns the answer that it completes, or `Err` for a damaged one.
-    pub fn push(&mut self, byte: u8) -> Option<Result<Status<'_>, ()>> {
-        let slot = self.bytes.get_mut(self.length)?;
-        (*slot, self.length) = (byte, self.length + 1);
+    /// Takes a byte. Returns the frame that it completes, or `Err` for a damaged one.
+    pub fn push(&mut self, protocol: Protocol, byte: u8) -> Option<Result<Frame, ()>> {
+        self.0.push(byte);
         let whole = loop {
-            match self.protocol.length(self.bytes.get(..self.length)?) {
+            match protocol.length(&self.0) {
                 Some(whole) => break whole,
-                None => self.bytes.copy_within(1..self.length, 0),
-            }
-            self.length -= 1;
+                None => self.0.remove(0),
+            };
         };
-        if self.length < whole {
-            return None;
-        }
-        self.length = 0;
-        Some(self.status(whole).ok_or(()))
-    }
-
-    fn status(&mut self, whole: usize) -> Option<Status<'_>> {
-        let frame = self.bytes.get(..whole)?;
-        let (id, contents) = match (self.protocol, frame) {
-            (Protocol::One, [_, _, id, _, contents @ .., sum]) => {
-                (checksum(frame.get(2..whole - 1)?) == *sum).then_some((*id, contents))?
-            }
-            (Protocol::Two, [_, _, _, _, id, _, _, STATUS, contents @ .., low, high]) => {
-                let is_whole = crc(frame.get(..whole - 2)?) == u16::from_le_bytes([*low, *high]);
-                is_whole.then_some((*id, contents))?
-            }
-            _ => return None,
-        };
-        let (error, stuffed) = contents.split_first()?;
-        let is_two = self.protocol == Protocol::Two;
-        let kept = (0..).zip(stuffed).filter(|(place, _): &(usize, _)| {
-            !(is_two && *place >= 3 && stuffed.get(place - 3..=*place) == Some(&[0xFF, 0xFF, 0xFD, 0xFD]))
-        });
-        let length = self.data.iter_mut().zip(kept).map(|(to, (_, from))| *to = *from).count();
-        Some(Status { id, error: *error, data: self.data.get(..length)? })
+        (self.0.len() >= whole).then(|| protocol.frame(&std::mem::take(&mut self.0)).ok_or(()))
     }
 }

@@ -234,14 +234,11 @@ impl Line {
         let has_torque = family.get(&servo.registers, family.torque) > 0;
         let watchdog = family.get(&servo.registers, family.watchdog);
         let is_unset = family.watchdog.1 > 0 && watchdog == 0;
-        let has_tripped = watchdog == TRIPPED;
-        let is_stopped = servo.is_on && (!has_torque && alarm.is_some() || has_tripped);
+        let is_stopped = servo.is_on && (!has_torque && alarm.is_some() || watchdog == TRIPPED);
         servo.is_halted = is_stopped || servo.is_halted && !is_unset;
         if !servo.is_halted || is_stopped {
-            servo.trouble = alarm.map(str::to_owned).or_else(|| family.trouble(&servo.registers));
-        }
-        if is_stopped && servo.trouble.is_none() {
-            servo.trouble = Some(TRIPPED_BY_ITSELF.to_owned());
+            let trouble = alarm.map(str::to_owned).or_else(|| family.trouble(&servo.registers));
+            servo.trouble = trouble.or_else(|| is_stopped.then(|| TRIPPED_BY_ITSELF.to_owned()));
         }
         let (has_lost_power, has_come) = (!has_torque || is_unset, has_come(family, servo, channel));
         match (servo.is_on, channel.place_now().is_some() && !servo.is_halted) {

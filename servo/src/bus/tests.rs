@@ -58,6 +58,7 @@ impl Rig {
         Self { jaw_open: 1.0, ..Self::new(family, &[limited, released, channel(7, 300.0, 700.0)]) }
     }
 
+    /// The line's message of the next step.
     fn message(&mut self) -> Vec<u8> {
         self.now += STEP;
         let reason = if self.state == State::Live { Reason::None } else { Reason::NoFace };

@@ -44,9 +44,8 @@ impl Protocol {
 
     /// Appends frames that write these registers in each of the servos, if the family has them. Nobody answers.
     pub(super) fn write_sync(self, field: Field, servos: &[(u8, Vec<u8>)], out: &mut Vec<u8>) {
-        let (room, servos) =
-            ((self.most_bytes() - 14) / (usize::from(field.1) + 1), if field.1 > 0 { servos } else { &[] });
-        for servos in servos.chunks(room) {
+        let servos = if field.1 > 0 { servos } else { &[] };
+        for servos in servos.chunks((self.most_bytes() - 14) / (usize::from(field.1) + 1)) {
             let data = servos.iter().flat_map(|(id, data)| [&[*id][..], data].concat());
             let start = [&[SYNC_WRITE][..], &self.place(field)].concat();
             self.write(BROADCAST, start.into_iter().chain(data), out);

@@ -4,7 +4,7 @@
 //! nothing but zeros.
 
 use super::affine::{MAX_COORDINATE, MAX_MISFIT, RIGID};
-use super::{LANDMARKS, Normalised, SolveError, filter::approach};
+use super::{LANDMARKS, Normalised, SolveError};
 use crate::model::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES};
 
 /// The neutral face of a wearer: the mean normalised face at rest.
@@ -112,19 +112,6 @@ pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
         }
     }
     values
-}
-
-/// `a + share * (b - a)`, and exactly `a` or `b` for a share of 0 or 1.
-pub(super) fn mix<const N: usize>(a: &[f32; N], b: &[f32; N], share: f32) -> [f32; N] {
-    match share {
-        0.0 => *a,
-        1.0 => *b,
-        _ => {
-            let mut mixed = *a;
-            approach(&mut mixed, b, share);
-            mixed
-        }
-    }
 }
 
 #[cfg(test)]

@@ -175,10 +175,10 @@ pub(super) fn passed(dt_s: f32, time_constant_s: f32) -> f32 {
     -(-dt_s / time_constant_s).exp_m1()
 }
 
-/// The point on the way from `from` to `to` after this share of it.
-fn towards<const N: usize>(mut from: [f32; N], to: [f32; N], share: f32) -> [f32; N] {
+/// The point on the way from `from` to `to` after this share of it, and exactly `from` or `to` for 0 or 1.
+pub(super) fn towards<const N: usize>(mut from: [f32; N], to: [f32; N], share: f32) -> [f32; N] {
     approach(&mut from, &to, share);
-    from
+    if share < 1.0 { from } else { to }
 }
 
 /// Moves values towards others by a share of the difference.
@@ -205,15 +205,10 @@ pub(super) mod tests {
     use super::*;
 
     /// Every kind of filter.
-    pub(in crate::solve) const KINDS: [FilterKind; 7] = [
-        FilterKind::Off,
-        FilterKind::Kalman,
-        FilterKind::MovingAverage,
-        FilterKind::TimeWeightedAverage,
-        FilterKind::LowPass,
-        FilterKind::GatedAverage,
-        FilterKind::OneEuro,
-    ];
+    pub(in crate::solve) const KINDS: [FilterKind; 7] = {
+        use FilterKind::{GatedAverage, Kalman, LowPass, MovingAverage, Off, OneEuro, TimeWeightedAverage};
+        [Off, Kalman, MovingAverage, TimeWeightedAverage, LowPass, GatedAverage, OneEuro]
+    };
 
     fn filters() -> impl Iterator<Item = Filter> {
         KINDS.into_iter().map(|kind| Filter { kind, time_s: 0.18, noise_size: 0.05 })

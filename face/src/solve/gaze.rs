@@ -8,10 +8,9 @@
 use facewire_packet::FULL_GAZE_DEG;
 
 use super::correction::smoothstep;
-use super::features::{Features, mix};
-use super::filter::{LONGEST_STEP_S, passed};
+use super::filter::{LONGEST_STEP_S, passed, towards};
 use super::plausible::{BLINKS, GAZE, pick, put};
-use super::{COEFFS, Coefficients};
+use super::{COEFFS, Coefficients, features::Features};
 use crate::model::GazeLayer;
 
 /// Share of the regression in a small turn, for yaw and pitch.
@@ -68,7 +67,7 @@ impl Gaze {
 impl GazeLayer {
     /// Returns the turns to the person's left and upwards that the map sees, degrees.
     pub(super) fn process(&self, features: &Features) -> [f32; 2] {
-        let mut turns_deg = mix(&self.offsets.neutral_unknown, &self.offsets.neutral_known, features.known);
+        let mut turns_deg = towards(self.offsets.neutral_unknown, self.offsets.neutral_known, features.known);
         for input in &self.inputs {
             let value = features.displacement(input.feature, input.neutral);
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);

@@ -1,15 +1,16 @@
 //! Estimates the wearer's neutral face during tracking.
 //!
-//! It averages the frames whose face is frontal, holds still, and is nearly at rest by the model's outputs ([`RestWatch`]).
-//! These outputs are measured from the mean of many people and not from the reference learned so far: otherwise a
+//! It averages the frames whose face is frontal, holds still but for the eyes, and is nearly at rest ([`RestWatch`]).
+//! The outputs that tell are measured from the mean of many people, not from the reference learned so far: otherwise a
 //! half-smile that is held would look more like rest the more of it was learned. The reference moves at a bounded speed.
 //! When another person sits down ([`super::identity`]), it moves back, and learning begins anew.
 //!
 //! Limits: nothing is learned of a wearer whose face at rest reads like an expression. Only a calibration helps then.
 
 use super::features::{Neutral, Reference, measure};
-use super::filter::{approach, difference, square};
+use super::filter::{approach, difference, passed, square};
 use super::identity::{Identity, Verdict};
+use super::plausible::{BLINKS, GAZE, pick, put};
 use super::{COEFFS, Coefficients, Normalised};
 use crate::model::MEASURES;
 
@@ -161,10 +162,9 @@ const MOST_OUTPUT: f32 = 0.45;
 const MOST_SHUT: f32 = 0.3;
 /// Least weight that counts: a speaking mouth comes close to rest again and again, which would add up.
 const LEAST_WEIGHT: f32 = 0.05;
-/// The places of `eyeBlinkLeft` and `eyeBlinkRight`.
-const LIDS: [usize; 2] = [0, 7];
-/// Distance of the outputs from their recent average at which a face no longer counts as still.
+/// Distance of the outputs, averaged over `NOW_S`, from their recent average at which a face no longer counts as still.
 const MOST_MOTION: f32 = 0.2;
+const NOW_S: f32 = 0.03;
 const RECENT_S: f32 = 0.3;
 /// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
 const CALM_S: f32 = 0.8;
@@ -173,7 +173,8 @@ const CALM_S: f32 = 0.8;
 /// outputs is at most 0.15 at rest, and rarely below 0.4 otherwise.
 #[derive(Debug, Clone, Default)]
 struct RestWatch {
-    recent: Option<[f32; COEFFS]>,
+    /// The outputs now, and those of the recent past. What the eyes and lids do is left out: they move in a face at rest, too.
+    averages: Option<[[f32; COEFFS]; 2]>,
     motion: f32,
 }
 
@@ -182,12 +183,12 @@ impl RestWatch {
     fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
         let motion = self.motion(outputs, dt_s);
         let [yaw, pitch] = face.turns();
-        let shut = LIDS.iter().filter_map(|lid| outputs.get(*lid)).fold(0.0, |most: f32, lid| most.max(*lid));
+        let [left, right] = pick(outputs, BLINKS);
         let parts = [
             yaw / FRONTAL[0],
             pitch / FRONTAL[1],
             strength(outputs) / MOST_OUTPUT,
-            shut / MOST_SHUT,
+            left.max(right).max(0.0) / MOST_SHUT,
             motion / MOST_MOTION,
         ];
         // Each part falls smoothly from 1 at 0 to 0 at 1 and beyond.
@@ -197,12 +198,17 @@ impl RestWatch {
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
     fn motion(&mut self, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
-        let Some(recent) = &mut self.recent else {
-            self.recent = Some(*outputs);
+        let mut outputs = *outputs;
+        for place in GAZE.into_iter().flatten().chain(BLINKS) {
+            put(&mut outputs, [place], [0.0]);
+        }
+        let Some([now, recent]) = &mut self.averages else {
+            self.averages = Some([outputs; 2]);
             return MOST_MOTION;
         };
-        let distance = square(difference(*outputs, *recent)).sqrt();
-        approach(recent, outputs, 1.0 - (-dt_s / RECENT_S).exp());
+        approach(now, &outputs, passed(dt_s, NOW_S));
+        let distance = square(difference(*now, *recent)).sqrt();
+        approach(recent, now, passed(dt_s, RECENT_S));
         self.motion = distance.max(self.motion * (-dt_s / CALM_S).exp());
         self.motion
     }
@@ -292,7 +298,7 @@ mod tests {
     #[test]
     fn speaking_smiling_turned_and_shut_eyed_faces_are_never_learned() {
         let turned = Shot { yaw_deg: 25.0, ..REST };
-        for shot in [REST.with(&SMILES, 0.5), REST.with(&LIDS, 0.9), REST.with(&LIDS, 0.32), turned] {
+        for shot in [REST.with(&SMILES, 0.5), REST.with(&BLINKS, 0.9), REST.with(&BLINKS, 0.32), turned] {
             assert_eq!(watched(shot.held(60)).share, 0.0);
         }
         let share = watched((0..60 * SECOND).map(|frame| speech(0.2, frame))).share;

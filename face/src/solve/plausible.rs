@@ -143,17 +143,11 @@ impl GazeState {
 /// The place of a blendshape. An unknown name does not compile.
 #[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn index_of(name: &str) -> usize {
-    let (name, mut index) = (name.as_bytes(), 0);
-    loop {
-        let (known, mut same) = (BLENDSHAPES[index].as_bytes(), 0);
-        while same < name.len() && same < known.len() && known[same] == name[same] {
-            same += 1;
-        }
-        if same == name.len() && same == known.len() {
-            return index;
-        }
+    let mut index = 0;
+    while !BLENDSHAPES[index].eq_ignore_ascii_case(name) {
         index += 1;
     }
+    index
 }
 
 pub(super) const BLINKS: [usize; 2] = [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")];

@@ -6,8 +6,8 @@
 
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
-use super::features::{Features, Reference, mix};
-use super::{COEFFS, Coefficients, Normalised, SolveError};
+use super::features::{Features, Reference};
+use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
 
@@ -33,7 +33,7 @@ impl Model {
             (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
                 let unknown = self.process(&Features::new(face, Reference::MEAN))?;
                 let known = self.process(&Features::new(face, reference.neutral))?;
-                Ok(Coefficients(mix(&unknown.0, &known.0, reference.known)))
+                Ok(Coefficients(towards(unknown.0, known.0, reference.known)))
             }
             _ => self.process(features),
         }
@@ -67,7 +67,7 @@ const BATCH: usize = 64;
 
 impl HiddenLayer {
     fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let mut hidden = mix(&self.offsets_unknown, &self.offsets_known, features.known);
+        let mut hidden = towards(self.offsets_unknown, self.offsets_known, features.known);
         for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.weights.as_chunks().0.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
@@ -88,11 +88,7 @@ impl AppearanceLayer {
             *unit = *unit * scale + offset;
         }
         let Cases { neutral_known: known, neutral_unknown: unknown } = &self.outputs;
-        match share {
-            0.0 => unknown.process(&hidden),
-            1.0 => known.process(&hidden),
-            share => mix(&unknown.process(&hidden), &known.process(&hidden), share),
-        }
+        towards(unknown.process(&hidden), known.process(&hidden), share)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The filters of all coefficients and of the head, chosen by the part of the face that moves.
 
-use super::filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S, difference, square};
-use super::{BLENDSHAPES, COEFFS, Coefficients, HeadPose};
+use super::filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S, approach, difference, passed, square, towards};
+use super::{BLENDSHAPES, COEFFS, Coefficients, HeadPose, correction::smoothstep};
 
 /// Coefficients that share a filter, because they belong to a part of the face that moves in its own way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,6 +66,7 @@ pub struct FiltersState {
     coefficients: [FilterState<1>; COEFFS],
     rotation: FilterState<4>,
     position: FilterState<3>,
+    steady: (Steady<4>, Steady<3>),
     last_rotation: Option<[f32; 4]>,
 }
 
@@ -73,8 +74,10 @@ impl Default for FiltersState {
     fn default() -> Self {
         let coefficients = [const { FilterState::Empty }; COEFFS];
         let (rotation, position) = (FilterState::Empty, FilterState::Empty);
-        let (noise, head_noise) = (NoiseLevel::of_coefficients(), NoiseLevel::of_head());
-        Self { noise, head_noise, coefficients, rotation, position, last_rotation: None }
+        let noise = NoiseLevel::new(BLENDSHAPES.map(|name| Group::of(name).noise_size()), 0.125, 2.0, 1.0);
+        // In the dark, the noise of the head's rotation grows more than that of the coefficients.
+        let (head_noise, steady) = (NoiseLevel::new([SMALL_TURN; 3], 0.2, 6.0, 0.5), Default::default());
+        Self { noise, head_noise, coefficients, rotation, position, steady, last_rotation: None }
     }
 }
 
@@ -115,11 +118,17 @@ impl Filters {
     fn step_head(&self, state: &mut FiltersState, head: &HeadPose, level: f32, dt_s: f32) -> HeadPose {
         let near = state.last_rotation.map_or(head.rotation_xyzw, |last| nearer(head.rotation_xyzw, last));
         let [x, y, z, _] = near;
-        let level = level.max(state.head_noise.step(&[x, y, z], dt_s));
+        let head_level = state.head_noise.step(&[x, y, z], dt_s);
+        let level = level.max(head_level);
         let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
-        let rotation = unit(mean, near);
+        let still = state.steady.0.step(mean, STEADY * head_level * self.rotation.noise_size, dt_s);
+        let is_on = self.rotation.kind != FilterKind::Off && self.rotation.time_s > 0.0;
+        let noisy = if is_on { smoothstep(head_level, NOISY) } else { 0.0 };
+        let rotation = unit(towards(mean, still, noisy), near);
         state.last_rotation = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
-        let position_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
+        let mean_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
+        let still_mm = state.steady.1.step(mean_mm, STEADY * head_level * self.position.noise_size, dt_s);
+        let position_mm = towards(mean_mm, still_mm, noisy);
         HeadPose::from_rotation(rotation, position_mm)
     }
 }
@@ -128,6 +137,10 @@ impl Filters {
 const SMALL_TURN: f32 = 0.5 * 0.03;
 /// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
 const SMALL_MOVE_MM: f32 = 5.0;
+
+/// Levels of noise between which the head is held still, and the size from which on it has moved, relative to a small change.
+const NOISY: [f32; 2] = [1.0, 1.6];
+const STEADY: f32 = 0.25;
 
 /// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
 fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
@@ -144,7 +157,6 @@ fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
 /// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
 /// more than one that hardly moves.
 const PRODUCTS: [f32; 2] = [-4.0, 0.5];
-const AVERAGE_S: f32 = 1.0;
 
 /// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant: in a dark picture,
 /// a still face trembles 20 times as much as in good light. The mean product of successive steps of a still face is the
@@ -157,33 +169,25 @@ struct NoiseLevel<const N: usize> {
     reference: f32,
     /// The greatest level. A higher one takes more of fast movements in noisy pictures.
     highest: f32,
+    /// Time over which the product is averaged, seconds.
+    average_s: f32,
     /// Mean product of successive steps, relative to the square of a small change.
     product: f32,
     last: Option<([f32; N], Option<[f32; N]>)>,
 }
 
-impl NoiseLevel<COEFFS> {
-    fn of_coefficients() -> Self {
-        let sizes = BLENDSHAPES.map(|name| Group::of(name).noise_size());
-        Self { sizes, reference: 0.125, highest: 2.0, product: 0.0, last: None }
-    }
-}
-
-impl NoiseLevel<3> {
-    /// The noise of the head's rotation. In the dark it grows more than that of the coefficients.
-    fn of_head() -> Self {
-        Self { sizes: [SMALL_TURN; 3], reference: 0.2, highest: 6.0, product: 0.0, last: None }
-    }
-}
-
 impl<const N: usize> NoiseLevel<N> {
+    fn new(sizes: [f32; N], reference: f32, highest: f32, average_s: f32) -> Self {
+        Self { sizes, reference, highest, average_s, product: 0.0, last: None }
+    }
+
     /// Takes a frame that was captured `dt_s` seconds after the last one, and returns the level.
     fn step(&mut self, values: &[f32; N], dt_s: f32) -> f32 {
         let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
         let steps = last.map(|(last, before)| {
             let steps = difference(*values, last);
             if let Some(product) = before.and_then(|before| self.mean_product(&steps, &before)) {
-                self.product += (1.0 - (-dt_s / AVERAGE_S).exp()) * (product - self.product);
+                self.product += passed(dt_s, self.average_s) * (product - self.product);
             }
             steps
         });
@@ -205,6 +209,35 @@ impl<const N: usize> NoiseLevel<N> {
     }
 }
 
+/// Time over which a still value is averaged, seconds.
+const STILL_S: f32 = 1.8;
+/// Time over which it is averaged how far away the last values were, seconds.
+const NOTICE_S: f32 = 0.12;
+/// How long a value has been still when averaging begins and when it is complete, and the most that counts, seconds.
+const CALM_S: [f32; 2] = [0.2, 1.0];
+const MOST_CALM_S: f32 = 1.5;
+/// How fast a movement ends the calm, by the square of its size.
+const ALARM: f32 = 4.0;
+
+/// A value that stays until it surely moves; with how far away the last ones were on average, and how long they were calm.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Steady<const N: usize>(Option<([f32; N], [f32; N], f32)>);
+
+impl<const N: usize> Steady<N> {
+    /// Takes a value, `dt_s` seconds after the last one. On average, values that are still are less than `size` away.
+    fn step(&mut self, x: [f32; N], size: f32, dt_s: f32) -> [f32; N] {
+        let last = self.0.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
+        let (mut value, mut away, calm_s) = last.unwrap_or((x, [0.0; N], 0.0));
+        approach(&mut away, &difference(x, value), passed(dt_s, NOTICE_S));
+        let moved = square(away).sqrt() / size;
+        let calm_s = (calm_s + if moved > 1.0 { -ALARM * moved * moved * dt_s } else { dt_s }).clamp(0.0, MOST_CALM_S);
+        let kept = smoothstep(calm_s, CALM_S) * (1.0 - passed(dt_s, STILL_S));
+        approach(&mut value, &x, 1.0 - kept);
+        self.0 = x.iter().all(|x| x.is_finite()).then_some((value, away.map(|away| kept * away), calm_s));
+        value
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,7 +253,7 @@ mod tests {
     /// `moving` coefficients also swing widely.
     fn level(deviation: f32, moving: usize) -> f32 {
         let mut random = fastrand::Rng::with_seed(2);
-        let mut level = NoiseLevel::of_coefficients();
+        let mut level = FiltersState::default().noise;
         let mut frame = |number: u16| {
             let mut values = [0.5; COEFFS];
             for (index, (value, size)) in values.iter_mut().zip(level.sizes).enumerate() {
@@ -239,7 +272,7 @@ mod tests {
         assert!([0, 30, COEFFS].iter().all(|moving| (level(0.01, *moving) - 1.0).abs() < 0.01));
         assert!((level(0.44, 0) - 2.0).abs() < 0.01, "{}", level(0.44, 0));
         assert!((1.4..1.8).contains(&level(0.2, 0)), "{}", level(0.2, 0));
-        let mut level = NoiseLevel::of_coefficients();
+        let mut level = FiltersState::default().noise;
         for value in [0.1, f32::NAN, 0.3, 0.1] {
             assert!((1.0..=2.0).contains(&level.step(&[value; COEFFS], FRAME_S)), "{value}");
         }
@@ -269,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_still_head_in_the_dark_trembles_less_than_a_third_as_much_and_a_fast_turn_passes_within_a_frame() {
+    fn a_still_head_in_the_dark_trembles_less_than_a_sixth_as_much_and_a_fast_turn_passes_within_a_frame() {
         let mut random = fastrand::Rng::with_seed(5);
         // The sum of 12 has a deviation of 1, here 2 degrees.
         let mut noise_deg = || 2.0 * (0..12).map(|_| random.f32() - 0.5).sum::<f32>();
@@ -277,7 +310,7 @@ mod tests {
         let out = run(FilterKind::GatedAverage, tilts.iter().copied().map(tilted));
         let sent: Vec<f32> = out.iter().map(|pose| pose.yaw_pitch_roll_deg()[2]).collect();
         let deviation = |angles: &[f32]| square(core::array::from_fn::<_, 60, _>(|at| angles[at + 60])).sqrt();
-        assert!(deviation(&sent) < 0.3 * deviation(&tilts), "{} {}", deviation(&sent), deviation(&tilts));
+        assert!(deviation(&sent) < 0.15 * deviation(&tilts), "{} {}", deviation(&sent), deviation(&tilts));
         assert!((sent[120] - tilts[120]).abs() < 3.0, "{} {}", sent[120], tilts[120]);
     }
 

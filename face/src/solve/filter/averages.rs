@@ -12,32 +12,26 @@ const BINS: usize = 16;
 /// window. Values that follow each other fast share a bin, so that the bins suffice at every frame rate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window<const N: usize> {
-    newest: Bin<N>,
-    older: HistoryBuf<Bin<N>, BINS>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Bin<const N: usize> {
-    value: [f32; N],
-    span_s: f32,
+    newest: ([f32; N], f32),
+    older: HistoryBuf<([f32; N], f32), BINS>,
 }
 
 impl<const N: usize> Window<N> {
     pub fn new(value: [f32; N]) -> Self {
-        Self { newest: Bin { value, span_s: f32::INFINITY }, older: HistoryBuf::new() }
+        Self { newest: (value, f32::INFINITY), older: HistoryBuf::new() }
     }
 
     pub fn push(&mut self, x: [f32; N], dt_s: f32, window_s: f32) {
-        let newest = &mut self.newest;
-        let span_s = newest.span_s + dt_s;
+        let (value, newest_s) = self.newest;
+        let span_s = newest_s + dt_s;
         // Two neighbouring bins last longer than this together, so that all of them cover the window.
         if span_s <= 2.0 * window_s / BINS as f32 {
             // Without any time between them, the newer value replaces the older one.
             let share = if span_s > 0.0 { dt_s / span_s } else { 1.0 };
-            *newest = Bin { value: towards(newest.value, x, share), span_s };
+            self.newest = (towards(value, x, share), span_s);
         } else {
-            self.older.write(*newest);
-            *newest = Bin { value: x, span_s: dt_s };
+            self.older.write(self.newest);
+            self.newest = (x, dt_s);
         }
     }
 
@@ -64,12 +58,12 @@ impl<const N: usize> Window<N> {
 
     fn weighted(&self, mut weight_of: impl FnMut(f32) -> f32) -> [f32; N] {
         let (mut sum, mut total) = ([0.0; N], 0.0);
-        for bin in iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
-            let weight = weight_of(bin.span_s);
-            add(&mut sum, weight, bin.value);
+        for (value, span_s) in iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
+            let weight = weight_of(*span_s);
+            add(&mut sum, weight, *value);
             total += weight;
         }
-        if total > 0.0 { sum.map(|sum| sum / total) } else { self.newest.value }
+        if total > 0.0 { sum.map(|sum| sum / total) } else { self.newest.0 }
     }
 }
 
@@ -120,10 +114,10 @@ impl<const N: usize> Past<N> {
 
     /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
     fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = ([f32; N], f32)> {
-        let with_age = self.0.oldest_ordered().rev().scan(dt_s, |next_age_s, (value, since_last_s)| {
-            let age_s = *next_age_s;
-            *next_age_s += since_last_s;
-            Some((*value, age_s))
+        let mut next_age_s = dt_s;
+        let with_age = self.0.oldest_ordered().rev().map(move |(value, since_last_s)| {
+            next_age_s += since_last_s;
+            (*value, next_age_s - since_last_s)
         });
         with_age.take_while(move |(_, age_s)| *age_s <= window_s)
     }

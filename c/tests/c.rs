@@ -1,12 +1,18 @@
 //! The header is that of the code, and programs in C work with it, under AddressSanitizer and UndefinedBehaviorSanitizer.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
+#[path = "../../library/tests/common/films.rs"]
+mod films;
+#[path = "../../tests/common/skip.rs"]
+mod skip;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use facewire::capture::{Clip, Source as _};
-use facewire_library::{FaceTracker, Pixels};
+use facewire_library::{FaceTracker, Format, Pixels};
+use films::films;
 
 const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
 const FRAMES: usize = 40;
@@ -53,29 +59,47 @@ fn run(source: &str, compiler: &str, arguments: &[&Path]) -> Output {
     Command::new(program).args(arguments).output().unwrap()
 }
 
-#[test]
-fn a_program_in_c_gets_the_values_of_the_rust_crate_to_the_last_bit() {
-    let (folder, mut clip, mut tracker) =
-        (tempfile::tempdir().unwrap(), Clip::once().unwrap(), FaceTracker::new().unwrap());
-    let (mut film, mut expected) = (Vec::new(), Vec::new());
-    for _ in 0..FRAMES {
-        let frame = clip.next().unwrap().unwrap();
-        let picture = frame.picture().unwrap();
-        let Pixels::Planar { planes, .. } = picture.pixels else { unreachable!("the clip has planes") };
-        planes
-            .iter()
-            .zip([307_200, 153_600, 153_600])
-            .for_each(|(plane, bytes)| film.extend_from_slice(&plane[..bytes]));
-        let face = tracker.process(picture, std::time::Duration::from_micros(frame.captured_us)).unwrap().unwrap();
+/// Compares a film of this size, 4:2:2 in full range, and returns how many pictures show a face.
+fn compare([width, height]: [usize; 2], film: &[u8]) -> usize {
+    let (folder, mut tracker) = (tempfile::tempdir().unwrap(), FaceTracker::new().unwrap());
+    let mut expected = Vec::new();
+    let mut found = 0;
+    for (number, samples) in (0..).zip(film.chunks(2 * width * height)) {
+        let picture = Format::I422.picture(samples, [width, height]).unwrap();
+        let time = std::time::Duration::from_micros(number * 1_000_000 / 30);
+        let Some(face) = tracker.process(&picture, time).unwrap() else { continue };
+        found += 1;
         let values = face.coefficients.iter().chain(&face.head.rotation_xyzw).chain(&face.head.position_mm);
         expected.extend(values.chain(face.landmarks.0.as_flattened()).flat_map(|value| value.to_le_bytes()));
     }
     let (path, values) = (folder.path().join("film.i422"), folder.path().join("values.f32"));
     fs::write(&path, film).unwrap();
-    let ran = run("examples/film.c", "cc", &[&path, Path::new("640"), Path::new("480"), &values]);
+    let size = [width, height].map(|side| PathBuf::from(side.to_string()));
+    let ran = run("examples/film.c", "cc", &[&path, &size[0], &size[1], &values]);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    assert_eq!(String::from_utf8_lossy(&ran.stdout).lines().count(), FRAMES);
+    let printed = String::from_utf8_lossy(&ran.stdout).into_owned();
+    assert_eq!(printed.lines().filter(|line| !line.ends_with("no face")).count(), found);
     assert!(fs::read(values).unwrap() == expected, "the values differ");
+    found
+}
+
+#[test]
+fn a_program_in_c_gets_the_values_of_the_rust_crate_to_the_last_bit() {
+    let (mut clip, mut film) = (Clip::once().unwrap(), Vec::new());
+    for _ in 0..FRAMES {
+        let frame = clip.next().unwrap().unwrap();
+        let Pixels::Planar { planes, .. } = frame.picture().unwrap().pixels else {
+            unreachable!("the clip has planes")
+        };
+        planes
+            .iter()
+            .zip([307_200, 153_600, 153_600])
+            .for_each(|(plane, bytes)| film.extend_from_slice(&plane[..bytes]));
+    }
+    assert_eq!(compare([640, 480], &film), FRAMES);
+    for (size, film) in films() {
+        assert!(compare(size, &film) > 50);
+    }
 }
 
 #[test]

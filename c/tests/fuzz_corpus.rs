@@ -12,8 +12,13 @@ fn the_c_interface_keeps_its_promise_on_every_file_of_the_corpus_and_on_no_bytes
     let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert!(files.len() >= 3, "{folder} holds {} files", files.len());
     files.sort();
+    let mut found = 0;
     for file in files {
-        target::c_interface(&fs::read(file).unwrap());
+        let faces = target::c_interface(&fs::read(&file).unwrap());
+        let shows_one = file.file_name().unwrap().to_string_lossy().starts_with("face");
+        assert!(faces == 1 || !shows_one, "{}: {faces}", file.display());
+        found += faces;
     }
+    assert!(found >= 3, "the search begins with faces: {found}");
     target::c_interface(&[]);
 }

@@ -18,8 +18,9 @@ thread_local! {
 }
 
 /// The first bytes are width, height, stride, how many bytes there are, format, range and flags; the others are repeated as samples.
-pub fn c_interface(bytes: &[u8]) {
-    let Some((head, pattern)) = bytes.split_at_checked(12) else { return };
+/// Returns how many faces were found.
+pub fn c_interface(bytes: &[u8]) -> usize {
+    let Some((head, pattern)) = bytes.split_at_checked(12) else { return 0 };
     let number = |at: usize| u16::from_le_bytes([head[at], head[at + 1]]);
     let repeated = pattern.iter().copied().cycle().take(usize::from(number(6)));
     // Exactly as many bytes as are told, so that AddressSanitizer sees one that is read behind them.
@@ -46,11 +47,13 @@ pub fn c_interface(bytes: &[u8]) {
             (found, CStr::from_ptr(facewire_message(*tracker)))
         };
         assert!((-1..=2).contains(&found) && (found < 0) != message.is_empty(), "{found} {message:?}");
-        for face in faces.iter().take(found.max(0) as usize) {
+        let found = found.max(0) as usize;
+        for face in faces.iter().take(found) {
             // SAFETY: so many faces were written.
             let face = unsafe { face.assume_init_ref() };
             assert!(face.coefficients.iter().all(|value| (0.0..=1.0).contains(value)));
             assert!(face.landmarks.as_flattened().iter().all(|value| value.is_finite()));
         }
-    });
+        found
+    })
 }

@@ -140,7 +140,7 @@ const SMALL_MOVE_MM: f32 = 5.0;
 
 /// Levels of noise between which the head is held still, and the size from which on it has moved, relative to a small change.
 const NOISY: [f32; 2] = [1.0, 1.6];
-const STEADY: f32 = 0.25;
+const STEADY: f32 = 0.28;
 
 /// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
 fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
@@ -215,7 +215,7 @@ const STILL_S: f32 = 1.8;
 const NOTICE_S: f32 = 0.12;
 /// How long a value has been still when averaging begins and when it is complete, and the most that counts, seconds.
 const CALM_S: [f32; 2] = [0.2, 1.0];
-const MOST_CALM_S: f32 = 1.5;
+const MOST_CALM_S: f32 = 1.2;
 /// How fast a movement ends the calm, by the square of its size.
 const ALARM: f32 = 4.0;
 

@@ -53,7 +53,11 @@ board() { chroot "$work/root" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin
 
 # enter_system PACKAGES: unpacks the small Debian with these packages, separated by commas, into the folder root of $work.
 enter_system() {
-    local system=$cache/systems/bookworm-$debian${1:+-${1//,/-}}.tar
+    local system=$cache/systems/bookworm-$debian${1:+-${1//,/-}}.tar lock
+    # One run at a time for each architecture: the emulator is one for the whole machine.
+    mkdir -p "$cache"
+    exec {lock}>"$cache/emulation-$debian.lock"
+    flock "$lock"
     emulate
     make_system "$system" "$1"
     mkdir "$work/root"
@@ -62,6 +66,6 @@ enter_system() {
 
 # Removes what enter_system made.
 leave_system() {
-    [[ -z $registered ]] || echo -1 >"$registered"
+    [[ -z $registered ]] || echo -1 >"$registered" || true
     rm -rf "$work"
 }

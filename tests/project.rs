@@ -208,10 +208,11 @@ impl Rehearsal {
         let rehearsal = Self { folder: tempfile::tempdir().unwrap(), _alone: alone() };
         let programs = "programs/cargo programs/rustfmt programs/shellcheck programs/qemu-aarch64 scripts/setup cross/setup \
                         cross/count cross/test scripts/package packaging/check packaging/try tests/guest/arm64 \
-                        tests/guest/setup tests/guest/cameras tests/guest/console tests/guest/run python/test";
+                        tests/guest/setup tests/guest/cameras tests/guest/console tests/guest/run python/test programs/rustup";
         programs.split(' ').for_each(|program| rehearsal.replace(program, ""));
         rehearsal.replace("programs/uname", "echo x86_64");
-        fs::copy(project("scripts/test"), rehearsal.folder.path().join("scripts/test")).unwrap();
+        let copy = |file| fs::copy(project(file), rehearsal.folder.path().join(file)).unwrap();
+        assert!(["scripts/test", "Cargo.toml"].map(copy).iter().all(|bytes| *bytes > 0));
         rehearsal
     }
 

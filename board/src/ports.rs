@@ -49,7 +49,7 @@ pub fn restarts(node: &Path, (vendor, product): UsbId) -> bool {
     is_arduino || node.to_string_lossy().contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
 
-/// Which kind of board this device is, if it is one.
+/// What is at this USB device, as far as its numbers tell.
 pub fn attached(numbers: UsbId) -> Option<Attached> {
     let (vendor, product) = numbers;
     let is_board = VENDORS.contains(&vendor) && !PROBES.contains(&numbers) || (vendor, product >> 4) == TEENSY;

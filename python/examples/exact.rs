@@ -79,8 +79,8 @@ fn write_planes(picture: &Picture, out: &mut impl Write) -> io::Result<()> {
     };
     for (plane, stride, size) in [
         (planes[0], luma, [picture.width, picture.height]),
-        (planes[1], chroma, [picture.width >> right, picture.height >> down]),
-        (planes[2], chroma, [picture.width >> right, picture.height >> down]),
+        (planes[1], chroma, [picture.width.div_ceil(1 << right), picture.height.div_ceil(1 << down)]),
+        (planes[2], chroma, [picture.width.div_ceil(1 << right), picture.height.div_ceil(1 << down)]),
     ] {
         for row in plane.chunks(stride).take(size[1]) {
             out.write_all(row.get(..size[0]).unwrap_or(row))?;

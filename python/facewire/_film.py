@@ -54,13 +54,15 @@ def _decode(path: str) -> Iterator[Tuple[float, Picture]]:
         return
     try:
         with av.open(path) as container:
+            if not container.streams.video:
+                raise FacewireError(f"{path} has no pictures")
             rate = float(container.streams.video[0].average_rate or 30)
             for number, frame in enumerate(container.decode(video=0)):
                 picture = frame.to_ndarray(format="bgr24")
                 # The film says how it was held; OpenCV turns the pictures itself.
                 quarters = round(getattr(frame, "rotation", 0) / 90) % 4
                 yield frame.time if frame.time is not None else number / rate, numpy.rot90(picture, quarters)
-    except (av.FFmpegError, IndexError) as error:
+    except av.FFmpegError as error:
         raise FacewireError(f"{path} cannot be decoded: {error}") from error
 
 

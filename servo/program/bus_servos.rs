@@ -156,13 +156,18 @@ fn troubles_of_servos_are_told_once_with_what_to_do() {
     bus.lock().servos[0].alarms = 1 << 2;
     service.await_log("servo 1: it is too hot: cut its power");
     assert_eq!((service.logged("does not answer"), service.logged("too hot")), (1, 1));
-    let mut stream = UnixStream::connect(socket).unwrap();
-    stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
-    let page = io::read_to_string(stream).unwrap();
+    let page = || {
+        let mut stream = UnixStream::connect(&socket).unwrap();
+        stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+        io::read_to_string(stream).unwrap()
+    };
+    let told = page();
     for (metric, value) in [("volts", ["5", "5"]), ("celsius", ["30", "30"]), ("trouble", ["1", "0"])] {
         let shown = |id, value| format!("facewire_servo_{metric}{{link={:?},servo=\"{id}\"}} {value}\n", bus.device);
-        assert!(page.contains(&shown(1, value[0])) && page.contains(&shown(4, value[1])), "{metric} in {page}");
+        assert!(told.contains(&shown(1, value[0])) && told.contains(&shown(4, value[1])), "{metric} in {told}");
     }
+    drop(bus);
+    eventually("no figures of servos that nobody reads", || !page().contains("facewire_servo_volts{"));
 }
 
 #[test]
@@ -170,6 +175,7 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
     // The highest place that the servo allows, and 60 degrees in steps.
     for (family, most, slow) in [("feetech-scs", 1003.0, 205.0), ("dynamixel-x", 4095.0, 683.0)] {
         let (bus, terminal) = (Bus::plugged_in(family, &[3]), Board::plugged_in());
+        bus.lock().echoes = true;
         let port = terminal.port();
         fcntl_setfl(&port, rustix::fs::OFlags::empty()).unwrap();
         let end = || Stdio::from(port.try_clone().unwrap());
@@ -208,7 +214,10 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
         eventually("the end", || child.try_wait().unwrap().is_some());
         bus.await_servos(&[(false, most)]);
         let is_slow = |it: &Written| it.data.len() == 1 || (1.0..slow).contains(&it.speed);
-        assert!(bus.lock().written.iter().all(is_slow));
+        let bus = bus.lock();
+        assert!(bus.written.iter().all(is_slow));
+        let mut told = bus.written.iter().filter(|it| it.first != 98).map(|it| it.data.len());
+        assert!(told.next() > Some(1) && told.next() == Some(1), "a goal comes before the torque");
     }
 }
 

@@ -27,7 +27,7 @@ use crate::{Board, Channel, ChannelSettings, Dials, Limits};
 pub const MOST_SERVOS: usize = 30;
 /// How long an answer may take. An FTDI adapter holds bytes back for 16 ms.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(50);
-/// For so long after this time was out, the answer may still come.
+/// How long after [`ANSWER_TIMEOUT`] a late answer may still come.
 const LATE: Duration = Duration::from_secs(1);
 /// So many questions without an answer, one after the other, mean that a servo is not there.
 const MOST_MISSED: u8 = 3;
@@ -47,7 +47,7 @@ const TWO: &str = "two servos have this number: unplug one, and give the other a
 const TRIPPED_BY_ITSELF: &str = "its Bus Watchdog has stopped it although the line was not silent: check its cable, and cut \
     its power for a moment";
 
-/// What metrics show of a servo that answers, and in which unit.
+/// What metrics show of a bus servo: name and help. A servo that does not answer has only the last one.
 pub const HEALTH: [(&str, &str); 4] = [
     ("servo_volts", "Supply voltage of a bus servo."),
     ("servo_celsius", "Temperature of a bus servo."),
@@ -84,7 +84,7 @@ struct Servo {
     /// The position that it was told last, and whether it has been read since this changed for the last time.
     position: f32,
     is_read: bool,
-    /// Whether the next message gives it torque, where it stands, or takes it.
+    /// What the next message does: `Some(true)` gives it torque where it stands, and `Some(false)` takes it.
     told: Option<bool>,
     /// Since when it is to be released. `None` while it is to have torque.
     releasing_since: Option<Instant>,
@@ -320,6 +320,13 @@ impl Line {
         self.family.protocol.write_read(servo.id, *field, out);
         (self.asked, self.answered) = (Some((self.turn, now)), None);
         self.turn = (self.turn + 1) % self.servos.len();
+    }
+}
+
+impl Drop for Line {
+    /// Nobody reads the servos any more.
+    fn drop(&mut self) {
+        self.board.dials.channels.iter().flat_map(|dial| &dial.health).for_each(|shown| shown.set(None));
     }
 }
 

@@ -32,8 +32,8 @@ pub(super) struct Change {
 impl Change {
     /// Builds the parts that differ from the current ones. The files of the model and of the wearer in use are read again
     /// even if their names stay, because they may have changed; the hot loop compares them.
-    fn prepare(load_settings: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
-        let new = load_settings()?;
+    fn prepare(reread: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
+        let new = reread()?;
         let is_same_model = new.solver.model == live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
         let keeps_model = is_same_model && new.solver.model.is_empty();
@@ -82,8 +82,8 @@ impl<T> Mailbox<T> {
 
 pub(super) struct Reloader {
     pub(super) live: Settings,
-    pub(super) load_settings: LoadSettings,
-    pub(super) set_log_level: Box<dyn Fn(LevelFilter)>,
+    pub(super) reread: LoadSettings,
+    pub(super) set_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<Links>,
     /// The control thread takes the settings, and the hash of a model that was read, from here within a second.
@@ -99,7 +99,7 @@ pub(super) struct Reloader {
 impl Reloader {
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (load, live, counters) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.counters));
+        let (load, live, counters) = (Arc::clone(&self.reread), self.live.clone(), Arc::clone(&self.counters));
         self.preparing = Some(self.loader.begin(move || Change::prepare(&load, &live, &counters)));
     }
 
@@ -148,7 +148,7 @@ impl Reloader {
             done += &format!("\n{warning}");
         }
         settings.realtime = self.live.realtime.clone();
-        (self.set_log_level)(settings.log.level);
+        (self.set_level)(settings.log.level);
         self.live = settings;
         let model = hot.model.as_ref().map(model_hash);
         self.hot.send(hot);
@@ -177,23 +177,12 @@ mod tests {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
-        let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
-        let (set_log_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
+        let (sender, reread) = (Mailbox { changes: sender, thread }, fixed(toml));
+        let (set_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
         let (counters, preparing, (asker, answer)) = (Arc::default(), None, mpsc::channel());
         let (asked, askers) = (mpsc::channel().1, vec![asker]);
-        let mut reloader = Reloader {
-            live,
-            load_settings,
-            set_log_level,
-            hot,
-            sender,
-            control,
-            counters,
-            loader,
-            preparing,
-            asked,
-            askers,
-        };
+        let mut reloader =
+            Reloader { live, reread, set_level, hot, sender, control, counters, loader, preparing, asked, askers };
         reloader.start();
         while reloader.preparing.is_some() {
             reloader.step();

@@ -177,7 +177,9 @@ pub(super) fn passed(dt_s: f32, time_constant_s: f32) -> f32 {
 
 /// The point on the way from `from` to `to` after this share of it, and exactly `from` or `to` for 0 or 1.
 pub(super) fn towards<const N: usize>(mut from: [f32; N], to: [f32; N], share: f32) -> [f32; N] {
-    approach(&mut from, &to, share);
+    if share > 0.0 {
+        approach(&mut from, &to, share);
+    }
     if share < 1.0 { from } else { to }
 }
 

@@ -88,7 +88,11 @@ impl AppearanceLayer {
             *unit = *unit * scale + offset;
         }
         let Cases { neutral_known: known, neutral_unknown: unknown } = &self.outputs;
-        towards(unknown.process(&hidden), known.process(&hidden), share)
+        match share {
+            0.0 => unknown.process(&hidden),
+            1.0 => known.process(&hidden),
+            share => towards(unknown.process(&hidden), known.process(&hidden), share),
+        }
     }
 }
 

@@ -138,8 +138,9 @@ const SMALL_TURN: f32 = 0.5 * 0.03;
 /// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
 const SMALL_MOVE_MM: f32 = 5.0;
 
-/// Levels of noise between which the head is held still, and the size from which on it has moved, relative to a small change.
+/// Levels of noise between which holding the head still begins and is complete.
 const NOISY: [f32; 2] = [1.0, 1.6];
+/// The mean distance from which on the head has moved, relative to a small change in this noise.
 const STEADY: f32 = 0.28;
 
 /// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
@@ -219,7 +220,8 @@ const MOST_CALM_S: f32 = 1.2;
 /// How fast a movement ends the calm, by the square of its size.
 const ALARM: f32 = 4.0;
 
-/// A value that stays until it surely moves; with how far away the last ones were on average, and how long they were calm.
+/// A value that stays until it surely moves. It remembers how far away the last values were on average, and how long they have
+/// been calm.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Steady<const N: usize>(Option<([f32; N], [f32; N], f32)>);
 
@@ -227,6 +229,8 @@ impl<const N: usize> Steady<N> {
     /// Takes a value, `dt_s` seconds after the last one. On average, values that are still are less than `size` away.
     fn step(&mut self, x: [f32; N], size: f32, dt_s: f32) -> [f32; N] {
         let last = self.0.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
+        // What was before a long gap tells nothing.
+        let dt_s = if last.is_some() { dt_s } else { 0.0 };
         let (mut value, mut away, calm_s) = last.unwrap_or((x, [0.0; N], 0.0));
         approach(&mut away, &difference(x, value), passed(dt_s, NOTICE_S));
         let moved = square(away).sqrt() / size;
@@ -312,6 +316,14 @@ mod tests {
         let deviation = |angles: &[f32]| square(core::array::from_fn::<_, 60, _>(|at| angles[at + 60])).sqrt();
         assert!(deviation(&sent) < 0.15 * deviation(&tilts), "{} {}", deviation(&sent), deviation(&tilts));
         assert!((sent[120] - tilts[120]).abs() < 3.0, "{} {}", sent[120], tilts[120]);
+    }
+
+    #[test]
+    fn a_value_that_comes_back_after_a_gap_is_not_held_where_it_is_seen_first() {
+        let mut steady = Steady::default();
+        let values = [(0.0, FRAME_S); 60].into_iter().chain([(20.0, 5.0), (20.5, FRAME_S)]);
+        let out: Vec<_> = values.map(|(value, dt_s)| steady.step([value], 1.0, dt_s)[0]).collect();
+        assert!((out[61] - 20.5).abs() < 0.01, "{:?}", &out[60..]);
     }
 
     #[test]

@@ -170,6 +170,7 @@ impl Simulator {
             (READ, [first, length]) => self.answer(frame.id, *first, *length, now),
             (SYNC_WRITE, [first, length]) => {
                 for servo in data.chunks(1 + length) {
+                    self.strange += usize::from(self.servos.iter().all(|it| it.id != servo[0]));
                     let told = self.servos.iter_mut().filter(|it| it.id == servo[0]);
                     self.written.extend(told.map(|it| it.write(*first, &servo[1..], now)));
                 }

@@ -98,7 +98,9 @@ impl<P: Read + Write> Single<P> {
         let begins = place.is_some() && !self.is_on;
         if let ([.., field], true) = (family.reads, begins) {
             // It may have been turned by hand, and begins where it stands.
-            ask(&mut self.port, family.protocol, self.id, *field, &mut self.registers)?;
+            if ask(&mut self.port, family.protocol, self.id, *field, &mut self.registers)?.is_none() {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, SILENT));
+            }
             family.write_watchdog(&[self.id], false, &mut message);
         }
         if let Some(place) = place.map(|place| if begins { self.place() } else { place }) {

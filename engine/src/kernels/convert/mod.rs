@@ -116,16 +116,14 @@ pub struct Packing {
     pub rgb: [usize; 3],
 }
 
-/// Copies as many pixels as `output` has out of the bytes of a row.
-///
-/// # Panics
-/// If there are fewer pixels, or if a place is outside a pixel.
+/// Copies as many pixels as `output` has out of the bytes of a row. Without bytes for all of them, or with a place outside of a
+/// pixel, the output remains as it is.
 pub fn unpack(row: &[u8], packing: Packing, output: &mut [[Pixel; GROUP]]) {
     let Packing { step, rgb } = packing;
-    assert!(rgb.iter().all(|place| *place < step), "a colour is outside the pixel");
-    assert!(row.len() / step >= output.as_flattened().len(), "there are fewer pixels than are wanted");
-    // SAFETY: there are enough pixels, and each has its colours.
-    unsafe { unpackers(packing).next().unwrap_or(unpack_plain)(row, packing, output) }
+    if rgb.iter().all(|place| *place < step) && row.len() / step >= output.as_flattened().len() {
+        // SAFETY: there are enough pixels, and each has its colours.
+        unsafe { unpackers(packing).next().unwrap_or(unpack_plain)(row, packing, output) }
+    }
 }
 
 /// The unpackers for the instruction sets of this processor; the fastest comes first.
@@ -143,8 +141,20 @@ fn unpackers(packing: Packing) -> impl Iterator<Item = Unpacker> {
 }
 
 fn unpack_plain(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {
+    // The compiler makes code of its own for the usual formats.
+    match (step, rgb) {
+        (3, [0, 1, 2]) => unpack_each(row, 3, [0, 1, 2], output),
+        (3, [2, 1, 0]) => unpack_each(row, 3, [2, 1, 0], output),
+        (4, [0, 1, 2]) => unpack_each(row, 4, [0, 1, 2], output),
+        (4, [2, 1, 0]) => unpack_each(row, 4, [2, 1, 0], output),
+        _ => unpack_each(row, step, rgb, output),
+    }
+}
+
+#[inline(always)]
+fn unpack_each(row: &[u8], step: usize, rgb: [usize; 3], output: &mut [[Pixel; GROUP]]) {
     for (pixel, bytes) in output.as_flattened_mut().iter_mut().zip(row.chunks_exact(step)) {
-        let [red, green, blue] = rgb.map(|place| i16::from(bytes[place]));
+        let [red, green, blue] = rgb.map(|place| bytes.get(place).map_or(0, |value| i16::from(*value)));
         *pixel = [red, green, blue, 0];
     }
 }

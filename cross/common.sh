@@ -36,6 +36,14 @@ own_compiler_has_target() {
         compgen -G "$libraries/libstd-*.rlib" >/dev/null
 }
 
+# newest_wheel x86_64|aarch64|armv7: prints the path of the newest Python wheel.
+newest_wheel() {
+    local wheel
+    wheel=$(find "$target_folder/wheels" -name "facewire-*_$1*.whl" -printf '%T@ %p\n' 2>/dev/null | sort -n | tail -n 1 | cut -d ' ' -f 2-) || true
+    [[ -n $wheel ]] || fail "there is no wheel for $1 in $target_folder/wheels: scripts/wheel $1"
+    echo "$wheel"
+}
+
 # leave_folders_out: makes cargo leave the names of this PC's folders out of the programs that it builds, so that builds in
 # different folders give the same bytes.
 leave_folders_out() {

@@ -41,7 +41,8 @@ pub enum Attached {
     BusServos,
 }
 
-/// Returns whether opening this port may restart the board. Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
+/// Returns whether opening this port may restart the board. Drivers of serial chips such as the CH340 name their ports
+/// `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
 /// Whether the DTR of such a chip is connected is not known, so any board behind one counts. A board at another port
 /// restarts only if the lists above contain it.
 pub fn restarts(node: &Path, (vendor, product): UsbId) -> bool {

@@ -17,8 +17,8 @@ thread_local! {
     );
 }
 
-/// The first bytes are width, height, stride, how many bytes there are, format, range and flags; the others are repeated as samples.
-/// Returns how many faces were found.
+/// The first bytes are width, height, stride, how many bytes there are, format, range and flags; the others are repeated as
+/// samples. Returns how many faces were found.
 pub fn c_interface(bytes: &[u8]) -> usize {
     let Some((head, pattern)) = bytes.split_at_checked(12) else { return 0 };
     let number = |at: usize| u16::from_le_bytes([head[at], head[at + 1]]);

@@ -83,7 +83,7 @@ pub fn run(
     settings: Settings,
     config: Option<String>,
     reread: LoadSettings,
-    set_level: Box<dyn Fn(LevelFilter)>,
+    set_log_level: Box<dyn Fn(LevelFilter)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
@@ -133,7 +133,7 @@ pub fn run(
     let (live, preparing, askers) = (settings, None, Vec::new());
     let reloader = {
         let counters = Arc::clone(&counters);
-        Reloader { live, reread, set_level, hot, sender, control, counters, loader, preparing, asked, askers }
+        Reloader { live, reread, set_log_level, hot, sender, control, counters, loader, preparing, asked, askers }
     };
     let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
     let mut supervisor = Supervisor { counters: shared, events: heard, load, reloader, adaptation, log };

@@ -83,7 +83,7 @@ impl<T> Mailbox<T> {
 pub(super) struct Reloader {
     pub(super) live: Settings,
     pub(super) reread: LoadSettings,
-    pub(super) set_level: Box<dyn Fn(LevelFilter)>,
+    pub(super) set_log_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<Links>,
     /// The control thread takes the settings, and the hash of a model that was read, from here within a second.
@@ -148,7 +148,7 @@ impl Reloader {
             done += &format!("\n{warning}");
         }
         settings.realtime = self.live.realtime.clone();
-        (self.set_level)(settings.log.level);
+        (self.set_log_level)(settings.log.level);
         self.live = settings;
         let model = hot.model.as_ref().map(model_hash);
         self.hot.send(hot);
@@ -178,11 +178,11 @@ mod tests {
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
         let (sender, reread) = (Mailbox { changes: sender, thread }, fixed(toml));
-        let (set_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
+        let (set_log_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
         let (counters, preparing, (asker, answer)) = (Arc::default(), None, mpsc::channel());
         let (asked, askers) = (mpsc::channel().1, vec![asker]);
         let mut reloader =
-            Reloader { live, reread, set_level, hot, sender, control, counters, loader, preparing, asked, askers };
+            Reloader { live, reread, set_log_level, hot, sender, control, counters, loader, preparing, asked, askers };
         reloader.start();
         while reloader.preparing.is_some() {
             reloader.step();

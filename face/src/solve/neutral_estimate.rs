@@ -181,7 +181,7 @@ struct RestWatch {
 impl RestWatch {
     /// Returns from 0 to 1 how sure it is that this face is at rest, `dt_s` seconds after the last one.
     fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
-        let motion = self.motion(outputs, dt_s);
+        let motion = self.motion(*outputs, dt_s);
         let [yaw, pitch] = face.turns();
         let [left, right] = pick(outputs, BLINKS);
         let parts = [
@@ -197,11 +197,8 @@ impl RestWatch {
     }
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
-    fn motion(&mut self, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
-        let mut outputs = *outputs;
-        for place in GAZE.into_iter().flatten().chain(BLINKS) {
-            put(&mut outputs, [place], [0.0]);
-        }
+    fn motion(&mut self, mut outputs: [f32; COEFFS], dt_s: f32) -> f32 {
+        GAZE.into_iter().flatten().chain(BLINKS).for_each(|place| put(&mut outputs, [place], [0.0]));
         let Some([now, recent]) = &mut self.averages else {
             self.averages = Some([outputs; 2]);
             return MOST_MOTION;

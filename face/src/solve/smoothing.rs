@@ -66,7 +66,8 @@ pub struct FiltersState {
     coefficients: [FilterState<1>; COEFFS],
     rotation: FilterState<4>,
     position: FilterState<3>,
-    steady: (Steady<4>, Steady<3>),
+    still_rotation: Option<Still<4>>,
+    still_position: Option<Still<3>>,
     last_rotation: Option<[f32; 4]>,
 }
 
@@ -74,10 +75,13 @@ impl Default for FiltersState {
     fn default() -> Self {
         let coefficients = [const { FilterState::Empty }; COEFFS];
         let (rotation, position) = (FilterState::Empty, FilterState::Empty);
-        let noise = NoiseLevel::new(BLENDSHAPES.map(|name| Group::of(name).noise_size()), 0.125, 2.0, 1.0);
+        let (sizes, product, last) = (BLENDSHAPES.map(|name| Group::of(name).noise_size()), 0.0, None);
+        let noise = NoiseLevel { sizes, reference: 0.125, highest: 2.0, average_s: 1.0, product, last };
         // In the dark, the noise of the head's rotation grows more than that of the coefficients.
-        let (head_noise, steady) = (NoiseLevel::new([SMALL_TURN; 3], 0.2, 6.0, 0.5), Default::default());
-        Self { noise, head_noise, coefficients, rotation, position, steady, last_rotation: None }
+        let (sizes, last) = ([SMALL_TURN; 3], None);
+        let head_noise = NoiseLevel { sizes, reference: 0.2, highest: 6.0, average_s: 0.5, product, last };
+        let (still_rotation, still_position, last_rotation) = (None, None, None);
+        Self { noise, head_noise, coefficients, rotation, position, still_rotation, still_position, last_rotation }
     }
 }
 
@@ -121,13 +125,13 @@ impl Filters {
         let head_level = state.head_noise.step(&[x, y, z], dt_s);
         let level = level.max(head_level);
         let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
-        let still = state.steady.0.step(mean, STEADY * head_level * self.rotation.noise_size, dt_s);
-        let is_on = self.rotation.kind != FilterKind::Off && self.rotation.time_s > 0.0;
-        let noisy = if is_on { smoothstep(head_level, NOISY) } else { 0.0 };
+        let still = Still::step(&mut state.still_rotation, mean, STEADY * head_level * self.rotation.noise_size, dt_s);
+        let noisy = if state.rotation == FilterState::Empty { 0.0 } else { smoothstep(head_level, NOISY) };
         let rotation = unit(towards(mean, still, noisy), near);
         state.last_rotation = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
         let mean_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
-        let still_mm = state.steady.1.step(mean_mm, STEADY * head_level * self.position.noise_size, dt_s);
+        let still_mm =
+            Still::step(&mut state.still_position, mean_mm, STEADY * head_level * self.position.noise_size, dt_s);
         let position_mm = towards(mean_mm, still_mm, noisy);
         HeadPose::from_rotation(rotation, position_mm)
     }
@@ -178,10 +182,6 @@ struct NoiseLevel<const N: usize> {
 }
 
 impl<const N: usize> NoiseLevel<N> {
-    fn new(sizes: [f32; N], reference: f32, highest: f32, average_s: f32) -> Self {
-        Self { sizes, reference, highest, average_s, product: 0.0, last: None }
-    }
-
     /// Takes a frame that was captured `dt_s` seconds after the last one, and returns the level.
     fn step(&mut self, values: &[f32; N], dt_s: f32) -> f32 {
         let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
@@ -222,22 +222,26 @@ const ALARM: f32 = 4.0;
 
 /// A value that stays until it surely moves. It remembers how far away the last values were on average, and how long they have
 /// been calm.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct Steady<const N: usize>(Option<([f32; N], [f32; N], f32)>);
+#[derive(Debug, Clone, PartialEq)]
+struct Still<const N: usize> {
+    value: [f32; N],
+    away: [f32; N],
+    calm_s: f32,
+}
 
-impl<const N: usize> Steady<N> {
+impl<const N: usize> Still<N> {
     /// Takes a value, `dt_s` seconds after the last one. On average, values that are still are less than `size` away.
-    fn step(&mut self, x: [f32; N], size: f32, dt_s: f32) -> [f32; N] {
-        let last = self.0.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
+    fn step(state: &mut Option<Self>, x: [f32; N], size: f32, dt_s: f32) -> [f32; N] {
+        let last = state.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
         // What was before a long gap tells nothing.
         let dt_s = if last.is_some() { dt_s } else { 0.0 };
-        let (mut value, mut away, calm_s) = last.unwrap_or((x, [0.0; N], 0.0));
+        let Self { mut value, mut away, calm_s } = last.unwrap_or(Self { value: x, away: [0.0; N], calm_s: 0.0 });
         approach(&mut away, &difference(x, value), passed(dt_s, NOTICE_S));
         let moved = square(away).sqrt() / size;
         let calm_s = (calm_s + if moved > 1.0 { -ALARM * moved * moved * dt_s } else { dt_s }).clamp(0.0, MOST_CALM_S);
         let kept = smoothstep(calm_s, CALM_S) * (1.0 - passed(dt_s, STILL_S));
         approach(&mut value, &x, 1.0 - kept);
-        self.0 = x.iter().all(|x| x.is_finite()).then_some((value, away.map(|away| kept * away), calm_s));
+        *state = x.iter().all(|x| x.is_finite()).then_some(Self { value, away: away.map(|away| kept * away), calm_s });
         value
     }
 }
@@ -320,9 +324,9 @@ mod tests {
 
     #[test]
     fn a_value_that_comes_back_after_a_gap_is_not_held_where_it_is_seen_first() {
-        let mut steady = Steady::default();
+        let mut state = None;
         let values = [(0.0, FRAME_S); 60].into_iter().chain([(20.0, 5.0), (20.5, FRAME_S)]);
-        let out: Vec<_> = values.map(|(value, dt_s)| steady.step([value], 1.0, dt_s)[0]).collect();
+        let out: Vec<_> = values.map(|(value, dt_s)| Still::step(&mut state, [value], 1.0, dt_s)[0]).collect();
         assert!((out[61] - 20.5).abs() < 0.01, "{:?}", &out[60..]);
     }
 

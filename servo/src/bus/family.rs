@@ -322,7 +322,11 @@ impl Family {
             |field, number| if field != NONE && self.get(registers, self.volts[0]) > 0 { number } else { f32::NAN };
         let [celsius, _, load] = self.celsius_and_load;
         let [volts, degrees, share] = [self.volts[0], celsius, load].map(|field| self.get(registers, field));
-        [told(celsius, volts as f32 / 10.0), told(celsius, degrees as f32), told(load, (share & 0x3FF) as f32 / 1000.0)]
+        [
+            told(self.volts[0], volts as f32 / 10.0),
+            told(celsius, degrees as f32),
+            told(load, (share & 0x3FF) as f32 / 1000.0),
+        ]
     }
 
     /// What is wrong with a servo that has no alarm, if anything is.

@@ -262,7 +262,7 @@ fn in_file(path: &Path, text: &str) -> Fault {
 }
 
 /// Checks that a name fits topics of MQTT, identifiers of Home Assistant and names of ROS.
-fn check_name(of: &str, name: &str) -> Result<(), Fault> {
+fn check_name(owner: &str, name: &str) -> Result<(), Fault> {
     let is_valid = name.starts_with(|first: char| first.is_ascii_alphabetic())
         && name.chars().all(|character| character.is_ascii_alphanumeric() || character == '_')
         && !name.contains("__")
@@ -270,7 +270,7 @@ fn check_name(of: &str, name: &str) -> Result<(), Fault> {
         && name.len() <= NAME_BYTES;
     if !is_valid {
         return fault(format!(
-            "{name:?} cannot name {of}: begin with a letter and go on with letters, digits and single underscores, \
+            "{name:?} cannot name {owner}: begin with a letter and go on with letters, digits and single underscores, \
              {NAME_BYTES} characters at most"
         ));
     }

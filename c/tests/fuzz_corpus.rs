@@ -19,6 +19,6 @@ fn the_c_interface_keeps_its_promise_on_every_file_of_the_corpus_and_on_no_bytes
         assert!(faces == 1 || !shows_one, "{}: {faces}", file.display());
         found += faces;
     }
-    assert!(found >= 3, "the search begins with faces: {found}");
+    assert!(found >= 3, "the corpus shows too few faces: {found}");
     target::c_interface(&[]);
 }

@@ -2,7 +2,7 @@
 //! `cargo run --release -p facewire-library --features built-in --example time [ROUNDS]`
 //!
 //! A round plays the first two seconds once in each format, so that all formats see the same state of the machine. Each picture
-//! is copied into the same memory before, as by a camera.
+//! is first copied into the same memory, as a camera does.
 
 use std::time::{Duration, Instant};
 use std::{env, error::Error, fs, iter};
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let picture = format.picture(&memory, SIZE)?;
                 let begun = Instant::now();
                 let is_found = tracker.process(&picture, Duration::from_millis(33 * number))?.is_some();
-                // The first picture is searched.
+                // The first picture does not count, because the detector must find the face in it.
                 if number > 0 && is_found {
                     times.push(begun.elapsed());
                 }
@@ -51,13 +51,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn film(format: Format) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
     let (mut clip, mut film) = (Clip::once()?, Vec::new());
     while film.len() < FRAMES {
-        let frame = clip.next()?.ok_or("a longer clip")?;
+        let frame = clip.next()?.ok_or("the clip is too short")?;
         let Some(Picture { pixels: Pixels::Planar { planes: [luma, cb, cr], strides: [640, 320], .. }, .. }) =
             frame.picture()
         else {
             return Err("the clip is 4:2:2 without padding".into());
         };
-        let luma = luma.get(..SIZE[0] * SIZE[1]).ok_or("a whole plane")?;
+        let luma = luma.get(..SIZE[0] * SIZE[1]).ok_or("a plane of the clip is too short")?;
         film.push(match format {
             Format::I422 => [luma, cb, cr].concat(),
             _ => luma.iter().flat_map(|luma| iter::repeat_n(*luma, format.row_bytes(1))).collect(),
@@ -70,8 +70,8 @@ fn film(format: Format) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
 fn memory_kb() -> Result<[f64; 2], Box<dyn Error>> {
     let status = fs::read_to_string("/proc/self/status")?;
     let value = |name: &str| -> Result<f64, Box<dyn Error>> {
-        let line = status.lines().find(|line| line.starts_with(name)).ok_or("a line of memory")?;
-        Ok(line.split_whitespace().nth(1).ok_or("a number")?.parse()?)
+        let line = status.lines().find(|line| line.starts_with(name)).ok_or("/proc/self/status lacks a line")?;
+        Ok(line.split_whitespace().nth(1).ok_or("/proc/self/status lacks a number")?.parse()?)
     };
     Ok([value("VmRSS:")?, value("VmHWM:")?])
 }

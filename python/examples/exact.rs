@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (open()?, FaceTracker::new()?, create("crate.f32")?, create("times.u64")?);
     let mut planes = None;
     while let Some(frame) = film.next()? {
-        let picture = frame.picture().ok_or("a film has pictures")?;
+        let picture = frame.picture().ok_or("the film has a frame without a picture")?;
         let (file, format) = match &mut planes {
             Some(begun) => begun,
             None => {
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 planes.insert((create(&format!("film.{format}"))?, format))
             }
         };
-        (*format == format_of(picture)?).then_some(()).ok_or("all pictures have one format")?;
+        (*format == format_of(picture)?).then_some(()).ok_or("the pictures of the film differ in format")?;
         write_planes(picture, file)?;
         times.write_all(&frame.captured_us.to_le_bytes())?;
         let found = tracker.process(picture, Duration::from_micros(frame.captured_us))?;

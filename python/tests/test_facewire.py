@@ -1,4 +1,4 @@
-"""The promises of the Python package. FACEWIRE_EXACT names a folder with one for each film, which the example `exact` has written."""
+"""The promises of the Python package. FACEWIRE_EXACT names a folder in which the example `exact` has written a folder for each film."""
 
 import csv
 import fractions

@@ -68,7 +68,7 @@ impl Bus {
     }
 }
 
-/// A jaw that goes from 700 to 300 steps, and rests at 500, and a neck with limits.
+/// A jaw that goes from 700 to 300 steps and rests at 600, and a neck with limits that rests at 500.
 fn link(device: &Path, family: &str) -> String {
     format!(
         "[[link]]\nkind = \"bus-servo\"\ndevice = \"{}\"\nfamily = \"{family}\"\n
@@ -89,7 +89,7 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
     for (family, _) in FAMILIES {
         let bus = Bus::plugged_in(family, &[1, 4]);
         let links = link(&bus.device, family);
-        // The way of 100 steps to rest takes the first one longer than it has before the service is stopped.
+        // The first servo is so slow that the service is stopped before it has gone the 100 steps to its rest.
         bus.lock().servos[0].motor = 300.0;
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
         eventually("a servo on its way", || bus.servos()[0].1 > 505.0);

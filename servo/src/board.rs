@@ -54,8 +54,8 @@ impl Dials {
     }
 }
 
-/// A channel: where it goes, where it is by now within its limits, its place, which is a pulse in microseconds or the step of
-/// a bus servo, and where an operator wants it.
+/// What is known of a channel: where it goes, and where it is by now within its limits. Its place is that in microseconds of
+/// a pulse, or in steps of a bus servo. `jog` is where an operator wants it.
 #[derive(Debug, Default)]
 pub struct Dial {
     pub number: u16,

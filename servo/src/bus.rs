@@ -1,9 +1,9 @@
 //! Bus servos: servos with a number, a position sensor and registers of their own, up to 30 on one serial line.
 //!
 //! Role: a [`Line`] makes the bytes for the line from each packet, and reads those that came back. The caller carries both.
-//! Contract: a message has the goals of all servos that move, and at most one question. The answer comes before the next
-//! message, and nothing waits for it. A servo moves only after its model and its position were read. It begins there, and
-//! moves slowly until it is where the face wants it. Only goal, torque and Bus Watchdog are ever written, see [`Family`].
+//! Contract: a message has the goals of all servos with torque, and at most one question. No message waits for an answer, but
+//! the next question does. A servo moves only after its model and its position were read. It begins where it stands, and
+//! moves slowly until it is where the face wants it. Only goal, torque and Bus Watchdog are ever written.
 //! Limits: servos do not acknowledge goals. A servo that missed one gets the next. One that lost its torque is found when
 //! it is read the next time.
 //!
@@ -29,7 +29,7 @@ pub const MOST_SERVOS: usize = 30;
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(50);
 /// How long after [`ANSWER_TIMEOUT`] a late answer may still come.
 const LATE: Duration = Duration::from_secs(1);
-/// So many questions without an answer, one after the other, mean that a servo is not there.
+/// A servo that does not answer this many questions in a row counts as missing.
 const MOST_MISSED: u8 = 3;
 /// After a silence of the line itself for this long, a Bus Watchdog may have stopped servos.
 const SILENCE: Duration = Duration::from_millis(400);
@@ -37,13 +37,13 @@ const SILENCE: Duration = Duration::from_millis(400);
 const START_DEGREES_PER_S: f32 = 60.0;
 /// How long a servo that is to be released may take to reach its rest. Then it loses its torque wherever it is.
 const REST_TIMEOUT: Duration = Duration::from_secs(1);
-/// A servo this close to a place is there, as a part of its range.
+/// How far from a place a servo may be and still count as there, as a part of its range.
 const CLOSE: f32 = 0.02;
 
 const SILENT: &str = "it does not answer: check its power and cable, its number and baud rate, and that its status return \
     level is not 0";
 const DAMAGED: &str = "its answers are damaged: check that no other servo has its number, the cable, and the baud rate";
-const TWO: &str = "two servos have this number: unplug one, and give the other a number of its own";
+const SHARED_ID: &str = "two servos have this number: unplug one, and give the other a number of its own";
 const TRIPPED_BY_ITSELF: &str = "its Bus Watchdog has stopped it although the line was not silent: check its cable, and cut \
     its power for a moment";
 
@@ -81,16 +81,16 @@ struct Servo {
     next: usize,
     /// It has torque and gets goals.
     is_on: bool,
-    /// The position that it was told last, and whether it has been read since this changed for the last time.
+    /// The position of the last message, and whether the servo has been read since its channel came to rest there.
     position: f32,
     is_read: bool,
-    /// What the next message does: `Some(true)` gives it torque where it stands, and `Some(false)` takes it.
-    told: Option<bool>,
+    /// What the next message does with its torque: `Some(true)` gives it, where the servo stands, and `Some(false)` takes it.
+    torque_order: Option<bool>,
     /// Since when it is to be released. `None` while it is to have torque.
     releasing_since: Option<Instant>,
-    /// It is left without torque until its power is cut or an operator releases it.
+    /// It is left without torque until its power is cut, an operator releases it, or it stops answering.
     is_halted: bool,
-    /// Questions without an answer, one after the other, and when the time for the last of all was out.
+    /// How many questions in a row it has not answered, and when it last let one time out.
     missed: u8,
     missed_at: Option<Instant>,
     is_damaged: bool,
@@ -100,7 +100,7 @@ struct Servo {
 impl Servo {
     /// Releases the servo, and asks again what it is.
     fn lose(&mut self, trouble: &str) {
-        (self.is_on, self.next, self.is_halted, self.told) = (false, 0, false, Some(false));
+        (self.is_on, self.next, self.is_halted, self.torque_order) = (false, 0, false, Some(false));
         self.trouble = Some(trouble.to_owned());
         self.registers.fill(0);
     }
@@ -113,7 +113,7 @@ pub struct Line {
     /// In the order of the channels of the board.
     servos: Vec<Servo>,
     turn: usize,
-    /// The servo that was asked, and when, or the one that answered last.
+    /// The servo that owes an answer, and when it was asked; otherwise the one that answered last.
     asked: Option<(usize, Instant)>,
     answered: Option<usize>,
     reader: Reader,
@@ -180,8 +180,8 @@ impl Line {
     pub fn is_at_rest(&self) -> bool {
         let mut servos = self.servos.iter().zip(&self.board.channels);
         servos.all(|(servo, channel)| {
-            let is_left = servo.next == 0 || servo.is_halted || channel.place_now().is_none();
-            if servo.is_on { servo.is_read && has_come(self.family, servo, channel) } else { is_left }
+            let is_ignored = servo.next == 0 || servo.is_halted || channel.place_now().is_none();
+            if servo.is_on { servo.is_read && has_arrived(self.family, servo, channel) } else { is_ignored }
         })
     }
 
@@ -206,7 +206,7 @@ impl Line {
         if self.asked.is_none() {
             // Nobody waits for it: it is late, or of another servo.
             if servo.missed_at.is_none_or(|at| now.duration_since(at) > LATE) {
-                servo.lose(TWO);
+                servo.lose(SHARED_ID);
             }
         } else if let Some(field) = self.family.reads.get(servo.next).filter(|field| data.len() == usize::from(field.1))
         {
@@ -240,16 +240,16 @@ impl Line {
             let trouble = alarm.map(str::to_owned).or_else(|| family.trouble(&servo.registers));
             servo.trouble = trouble.or_else(|| is_stopped.then(|| TRIPPED_BY_ITSELF.to_owned()));
         }
-        let (has_lost_power, has_come) = (!has_torque || is_unset, has_come(family, servo, channel));
+        let (has_lost_power, has_arrived) = (!has_torque || is_unset, has_arrived(family, servo, channel));
         match (servo.is_on, channel.place_now().is_some() && !servo.is_halted) {
-            (true, false) if !servo.is_halted && !has_come && !has_lost_power => {}
-            (is_on, false) if is_on || has_torque => (servo.is_on, servo.told) = (false, Some(false)),
+            (true, false) if !servo.is_halted && !has_arrived && !has_lost_power => {}
+            (is_on, false) if is_on || has_torque => (servo.is_on, servo.torque_order) = (false, Some(false)),
             (true, true) if has_lost_power => (servo.is_on, servo.next) = (false, 0),
-            (true, true) if has_come && (channel.motion.position - channel.target).abs() <= CLOSE => {
+            (true, true) if has_arrived && (channel.motion.position - channel.target).abs() <= CLOSE => {
                 channel.limits = channel.settings.limits();
             }
             (false, true) if alarm.is_none() => {
-                (servo.is_on, servo.told) = (true, Some(true));
+                (servo.is_on, servo.torque_order) = (true, Some(true));
                 let slow = START_DEGREES_PER_S / family.degrees_per_step / channel.span();
                 channel.limits.speed_per_s = channel.settings.limits().speed_per_s.min(slow);
                 channel.rest_at(family.place(&servo.registers));
@@ -287,9 +287,9 @@ impl Line {
             servo.releasing_since = if place.is_none() { servo.releasing_since.or(Some(now)) } else { None };
             let is_over = servo.releasing_since.is_some_and(|at| now.duration_since(at) >= REST_TIMEOUT);
             if servo.is_on && (channel.is_off || is_over) {
-                (servo.is_on, servo.told) = (false, Some(false));
+                (servo.is_on, servo.torque_order) = (false, Some(false));
             }
-            let place = match servo.told.take() {
+            let place = match servo.torque_order.take() {
                 Some(true) => {
                     started.push(servo.id);
                     family.place(&servo.registers)
@@ -324,14 +324,14 @@ impl Line {
 }
 
 impl Drop for Line {
-    /// Nobody reads the servos any more.
+    /// Takes the health of the servos out of the metrics, because nobody reads it any more.
     fn drop(&mut self) {
         self.board.dials.channels.iter().flat_map(|dial| &dial.health).for_each(|shown| shown.set(None));
     }
 }
 
-/// Whether the servo was, when it was read last, where its channel should be by now.
-fn has_come(family: &Family, servo: &Servo, channel: &Channel) -> bool {
+/// Whether the last reading shows the servo where its channel is now.
+fn has_arrived(family: &Family, servo: &Servo, channel: &Channel) -> bool {
     let way = family.place(&servo.registers) - channel.place(channel.motion.position);
     way.abs() <= CLOSE * channel.span()
 }

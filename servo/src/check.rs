@@ -18,7 +18,7 @@ pub struct Capabilities {
     channels: RangeInclusive<u32>,
     /// Whether channels have addresses and values by DMX.
     is_dmx: bool,
-    /// Whether the ends are places of bus servos, in the unit of the settings, or pulses.
+    /// Whether the ends are places of bus servos, in the unit of the settings. Otherwise they are pulses.
     is_bus: bool,
     /// The longest pulse, or the highest place.
     most: f32,

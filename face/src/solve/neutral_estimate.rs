@@ -1,8 +1,8 @@
 //! Estimates the wearer's neutral face during tracking.
 //!
 //! It averages the frames whose face is frontal, holds still but for the eyes, and is nearly at rest ([`RestWatch`]).
-//! The outputs that tell are measured from the mean of many people, not from the reference learned so far: otherwise a
-//! half-smile that is held would look more like rest the more of it was learned. The reference moves at a bounded speed.
+//! It judges rest by outputs that are measured from the mean of many people, not from the reference learned so far: otherwise
+//! a lasting half-smile would look more like rest the more of it was learned. The reference moves at a bounded speed.
 //! When another person sits down ([`super::identity`]), it moves back, and learning begins anew.
 //!
 //! Limits: nothing is learned of a wearer whose face at rest reads like an expression. Only a calibration helps then.

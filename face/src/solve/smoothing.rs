@@ -125,13 +125,13 @@ impl Filters {
         let head_level = state.head_noise.step(&[x, y, z], dt_s);
         let level = level.max(head_level);
         let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
-        let still = Still::step(&mut state.still_rotation, mean, STEADY * head_level * self.rotation.noise_size, dt_s);
+        let still = Still::step(&mut state.still_rotation, mean, MOVED * head_level * self.rotation.noise_size, dt_s);
         let noisy = if state.rotation == FilterState::Empty { 0.0 } else { smoothstep(head_level, NOISY) };
         let rotation = unit(towards(mean, still, noisy), near);
         state.last_rotation = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
         let mean_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
         let still_mm =
-            Still::step(&mut state.still_position, mean_mm, STEADY * head_level * self.position.noise_size, dt_s);
+            Still::step(&mut state.still_position, mean_mm, MOVED * head_level * self.position.noise_size, dt_s);
         let position_mm = towards(mean_mm, still_mm, noisy);
         HeadPose::from_rotation(rotation, position_mm)
     }
@@ -144,8 +144,8 @@ const SMALL_MOVE_MM: f32 = 5.0;
 
 /// Levels of noise between which holding the head still begins and is complete.
 const NOISY: [f32; 2] = [1.0, 1.6];
-/// The mean distance from which on the head has moved, relative to a small change in this noise.
-const STEADY: f32 = 0.28;
+/// The mean distance beyond which the head counts as moving, relative to a small change in this noise.
+const MOVED: f32 = 0.28;
 
 /// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
 fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
@@ -212,16 +212,16 @@ impl<const N: usize> NoiseLevel<N> {
 
 /// Time over which a still value is averaged, seconds.
 const STILL_S: f32 = 1.8;
-/// Time over which it is averaged how far away the last values were, seconds.
+/// Time over which the distance of the last values is averaged, seconds.
 const NOTICE_S: f32 = 0.12;
-/// How long a value has been still when averaging begins and when it is complete, and the most that counts, seconds.
+/// How long a value must be still until averaging begins and until it is complete, and the longest that counts, seconds.
 const CALM_S: [f32; 2] = [0.2, 1.0];
 const MOST_CALM_S: f32 = 1.2;
-/// How fast a movement ends the calm, by the square of its size.
+/// Seconds of calm that a second of movement takes away, times the square of its size.
 const ALARM: f32 = 4.0;
 
-/// A value that stays until it surely moves. It remembers how far away the last values were on average, and how long they have
-/// been calm.
+/// A value that is held until it surely moves, the mean distance of the last values from it, and how long they have been
+/// still.
 #[derive(Debug, Clone, PartialEq)]
 struct Still<const N: usize> {
     value: [f32; N],
@@ -230,7 +230,7 @@ struct Still<const N: usize> {
 }
 
 impl<const N: usize> Still<N> {
-    /// Takes a value, `dt_s` seconds after the last one. On average, values that are still are less than `size` away.
+    /// Takes a value, `dt_s` seconds after the last one. A mean distance of at most `size` counts as still.
     fn step(state: &mut Option<Self>, x: [f32; N], size: f32, dt_s: f32) -> [f32; N] {
         let last = state.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
         // What was before a long gap tells nothing.

@@ -43,12 +43,12 @@ pub struct Family {
     /// Place, speed and acceleration of a goal. The rest of it is 0.
     pub goal_parts: [Field; 3],
     pub watchdog: Field,
-    /// Units of speed and acceleration, steps a second and a second²: a servo keeps no lower limits. 0 if it has none.
+    /// Units of speed and acceleration in steps/s and steps/s², which are the lowest limits, too. 0 if it keeps no such limit.
     pub units: [f32; 2],
     most_speed: u32,
-    /// The highest speed that the servo takes.
+    /// Where the servo's own limit of speed is.
     speed_limit: Field,
-    /// The byte and the bit that, when set, make the unit of speed one fiftieth.
+    /// The address of a byte, and its bit that divides the unit of speed by 50 if it is set.
     fine_speed: (u8, u32),
     pub place: Field,
     /// The present voltage, the least and the most, in tenths of a volt.
@@ -235,8 +235,8 @@ impl Family {
         (2 * goals).max(goals + question + answer)
     }
 
-    /// Moves a servo with these registers to a place, with limits of speed and acceleration: in steps, and steps a second and
-    /// a second². A limit is rounded down, so that it is kept, but never to 0, which stands for none.
+    /// Returns what moves a servo with these registers to a place, in steps, with limits of speed and acceleration, in steps/s
+    /// and steps/s². A limit is rounded down, so that it is kept, but never to 0, which means no limit.
     pub fn goal(&self, [place, speed, acceleration]: [f32; 3], registers: &Registers) -> Vec<u8> {
         let limit = |limit: f32, unit: f32, most: u32| match limit {
             limit if limit > 0.0 && limit.is_finite() => ((limit / unit) as u32).clamp(1, most),
@@ -264,7 +264,7 @@ impl Family {
         [least, most.min(self.most_steps.into())]
     }
 
-    /// Where the servo is. Beyond the limits, where it gets no goal, it is at the nearer one.
+    /// Where the servo is, or the nearer limit if it is beyond its limits, where no goal may be.
     pub fn place(&self, registers: &Registers) -> f32 {
         let (place, [least, most]) = (self.get(registers, self.place), self.limits(registers));
         // The sign of Feetech is bit 15, and that of four bytes bit 31.
@@ -285,8 +285,8 @@ impl Family {
         values.iter().any(|value| byte == u32::from(*value))
     }
 
-    /// Whether the first registers are those of a servo of this family with this number. Feetech tells its byte order.
-    pub fn has_start(&self, registers: &Registers, id: u8) -> bool {
+    /// Whether the first registers are those of a servo of this family with this number, and of its byte order.
+    pub fn is_of_family(&self, registers: &Registers, id: u8) -> bool {
         let has_order = self.needs.iter().filter(|need| need.0 == 2).all(|need| self.meets(need, registers));
         has_order && self.has_model(registers) && self.get(registers, self.id) == u32::from(id)
     }
@@ -316,7 +316,7 @@ impl Family {
         known.find(|(bit, _)| alarms >> bit & 1 > 0).map(|(_, alarm)| alarm)
     }
 
-    /// Volts, degrees Celsius, and load from 0 to 1. What the servo does not tell, or not yet, is no number.
+    /// Volts, degrees Celsius, and load from 0 to 1. NaN stands for what the servo does not tell, or has not told yet.
     pub fn health(&self, registers: &Registers) -> [f32; 3] {
         let told =
             |field, number| if field != NONE && self.get(registers, self.volts[0]) > 0 { number } else { f32::NAN };

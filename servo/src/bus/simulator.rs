@@ -1,5 +1,5 @@
-//! Bus servos for tests. They share addresses and frames with the parent module, which the makers' vectors and another
-//! implementation of protocol 2.0 check, and hold to the makers' manuals in all else.
+//! Bus servos for tests. They take addresses and frames from the parent module, which other tests check against the makers'
+//! examples and another implementation of protocol 2.0. In all else they follow the makers' manuals.
 #![allow(clippy::missing_panics_doc, clippy::must_use_candidate, clippy::indexing_slicing, clippy::unwrap_used)]
 
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ pub struct Servo {
     family: &'static Family,
     pub id: u8,
     pub registers: Registers,
-    /// The alarms in the error byte of an answer, or of register 70.
+    /// The alarms in the error byte of an answer, or in register 70.
     pub alarms: u8,
     /// How late it answers, if it does, and whether what it says is damaged on the line.
     pub answers_after: Option<Duration>,
@@ -28,7 +28,7 @@ pub struct Servo {
     /// Where it is, in steps, and how far its motor turns it in a second.
     pub place: f64,
     pub motor: f64,
-    /// Until when it has no power, or starts.
+    /// When it has power again and has started.
     away_until: Instant,
 }
 
@@ -41,7 +41,7 @@ impl Servo {
         servo
     }
 
-    /// Its power is cut, and it has started again at this time, as the maker sells it.
+    /// Cuts its power. At this time it has started again, with the registers of a new servo.
     pub fn restart(&mut self, at: Instant) {
         let index = FAMILIES.iter().position(|(name, _)| *name == self.family.name).unwrap();
         self.registers.fill(0);
@@ -119,7 +119,7 @@ pub struct Simulator {
     /// The line has one wire, so that all comes back.
     pub echoes: bool,
     pub written: Vec<Written>,
-    /// Instructions other than reading and writing together, and frames that are no frames.
+    /// How many frames were damaged, had another instruction than READ or SYNC_WRITE, or wrote to servos that are not there.
     pub strange: usize,
     reader: Reader,
     answers: Vec<(Instant, Vec<u8>)>,

@@ -1,4 +1,4 @@
-//! One servo, by a program that waits for its answers: to find it, and to find its ends.
+//! A single servo, for programs that wait for its answers: they search a line, or find the ends of a servo.
 
 use std::io::{self, ErrorKind, Read, Write};
 
@@ -9,7 +9,7 @@ use super::{Protocol, SILENT, START_DEGREES_PER_S};
 const START: Field = (0, 8);
 const MOST_BYTES: usize = 512;
 
-/// Asks a servo, and waits until the port's own time is out. Returns the error that it answers, or nothing if it does not.
+/// Asks a servo, and waits for the port's timeout. Returns the error byte of its answer, or `None` without an answer.
 fn ask(
     port: &mut (impl Read + Write),
     protocol: Protocol,
@@ -39,7 +39,7 @@ fn ask(
 /// Asks who has this number. Returns the model and the family, as far as they are known.
 ///
 /// # Errors
-/// If the port fails. A servo that does not answer is none.
+/// If the port fails. A servo that does not answer is not an error.
 pub fn find(
     port: &mut (impl Read + Write),
     protocol: Protocol,
@@ -47,13 +47,13 @@ pub fn find(
 ) -> io::Result<Option<(u32, Option<&'static Family>)>> {
     let mut registers = unknown();
     let is_there = ask(port, protocol, id, START, &mut registers)?.is_some();
-    let is_of = |family: &&Family| family.protocol == protocol && family.has_start(&registers, id);
+    let is_of = |family: &&Family| family.protocol == protocol && family.is_of_family(&registers, id);
     let family = FAMILIES.iter().map(|(_, family)| *family).find(is_of);
     let model = family.unwrap_or(Family::DYNAMIXEL_X).model(&registers);
     Ok(is_there.then_some((model, family)))
 }
 
-/// A servo that keys move, slowly.
+/// A servo that a person moves slowly with keys.
 pub struct Single<P> {
     port: P,
     family: &'static Family,
@@ -92,7 +92,7 @@ impl<P: Read + Write> Single<P> {
     /// Moves the servo, or takes its torque.
     ///
     /// # Errors
-    /// If the port fails.
+    /// If the port fails, or the servo does not answer.
     pub fn set(&mut self, place: Option<f32>) -> io::Result<()> {
         let (family, mut message) = (self.family, Vec::new());
         let begins = place.is_some() && !self.is_on;

@@ -95,7 +95,7 @@ impl Rig {
         told.rsplit(|it| is_off(it)).next().unwrap_or_default().to_vec()
     }
 
-    /// Asserts that a servo got a goal where it stood, then torque, and then no fast goal but where it almost was.
+    /// Asserts that a servo got a goal where it stood, then torque, and then only goals that are slow or near its place.
     fn assert_slow_start(&self, id: u8) {
         let (told, name) = (self.told(id), self.line.family.name);
         let is_where_it_stood = told[0].data.len() > 1 && (told[0].place - told[0].stood).abs() <= 0.5;

@@ -45,7 +45,7 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
 /// The processor must have AVX2, a pixel must have three or four bytes, and there must be bytes for all pixels.
 #[target_feature(enable = "avx2")]
 pub(super) unsafe fn unpack(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {
-    // The last four pixels of three bytes begin within their vector, so that it ends with the group.
+    // The vector of the last four pixels begins this many bytes before them, so that it ends with the group.
     let early = VECTOR - 4 * step;
     #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "a place in a vector")]
     let [red, green, blue] = rgb.map(|place| place as i32);

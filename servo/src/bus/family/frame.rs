@@ -39,7 +39,7 @@ impl Protocol {
 
     /// Appends a question for registers. Its length differs from that of the answer, so that its echo is never taken for one.
     pub fn write_read(self, id: u8, field: Field, out: &mut Vec<u8>) {
-        self.write(id, [&[READ][..], &self.place(field)].concat(), out);
+        self.write(id, [&[READ][..], &self.parameters(field)].concat(), out);
     }
 
     /// Appends frames that write these registers in each of the servos, if the family has them. Nobody answers.
@@ -47,13 +47,13 @@ impl Protocol {
         let servos = if field.1 > 0 { servos } else { &[] };
         for servos in servos.chunks((self.most_bytes() - 14) / (usize::from(field.1) + 1)) {
             let data = servos.iter().flat_map(|(id, data)| [&[*id][..], data].concat());
-            let start = [&[SYNC_WRITE][..], &self.place(field)].concat();
+            let start = [&[SYNC_WRITE][..], &self.parameters(field)].concat();
             self.write(BROADCAST, start.into_iter().chain(data), out);
         }
     }
 
-    /// How instructions name registers.
-    fn place(self, (address, length): Field) -> Vec<u8> {
+    /// The parameters of an instruction that name these registers.
+    fn parameters(self, (address, length): Field) -> Vec<u8> {
         if self.is_two() { vec![address, 0, length, 0] } else { vec![address, length] }
     }
 
@@ -96,7 +96,7 @@ impl Protocol {
         }
     }
 
-    /// How long the frame is that these bytes begin, as soon as they tell. `None` if they begin none.
+    /// How many bytes to wait for: the frame, or first the part that tells its length. `None` if no frame begins here.
     fn length(self, bytes: &[u8]) -> Option<usize> {
         let (header, start) = if self.is_two() { (4, 7) } else { (2, 4) };
         let begins = bytes.iter().zip(HEADER).take(header).all(|(byte, header)| *byte == header);

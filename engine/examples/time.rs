@@ -32,7 +32,8 @@ fn time(folder: &Path, kernels: &'static Kernels, team: &Arc<Team>, rounds: usiz
     let mut networks = Vec::new();
     for name in NETWORKS {
         let start = Instant::now();
-        let graph = file::read(&fs::read(folder.join(format!("{name}.fwnet")))?)?;
+        let content = file::load(&folder.join(format!("{name}.fwnet")))?;
+        let graph = file::read(&content)?;
         let mut network = Network::with_team(&graph, kernels, Arc::clone(team))?;
         for row in 0..network.input_rows() {
             let values = network.input_row(row).iter_mut().enumerate();

@@ -3,7 +3,7 @@
 use crate::graph::{Graph, Kind, Port};
 use crate::network_tests::random_network;
 use crate::testing::Random;
-use crate::{Error, Network, file, kernels};
+use crate::{Error, Network, Values, file, kernels};
 
 /// The file of a network, with single precision weights.
 fn write(graph: &Graph) -> Vec<u8> {
@@ -25,7 +25,7 @@ fn write(graph: &Graph) -> Vec<u8> {
         bytes.extend(name.as_bytes());
     }
     for operator in graph.operators() {
-        let (kind, window, arrays): (u8, _, Vec<&Vec<f32>>) = match &operator.kind {
+        let (kind, window, arrays): (u8, _, Vec<&Values>) = match &operator.kind {
             Kind::Convolution { window, weights, bias } => (0, Some(window), vec![weights, bias]),
             Kind::Depthwise { window, weights, bias } => (1, Some(window), vec![weights, bias]),
             Kind::Prelu { slopes } => (2, None, vec![slopes]),
@@ -43,7 +43,7 @@ fn write(graph: &Graph) -> Vec<u8> {
         number(&mut bytes, operator.output);
         for array in arrays {
             bytes.push(2);
-            bytes.extend(array.iter().flat_map(|value| value.to_le_bytes()));
+            bytes.extend(array.iter().flat_map(f32::to_le_bytes));
         }
     }
     seal(&mut bytes);

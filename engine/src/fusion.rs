@@ -6,6 +6,7 @@
 
 use crate::error::Error;
 use crate::graph::{Graph, Kind, Operator, Shape, Window};
+use crate::values::Values;
 
 /// Operators that are computed together.
 #[derive(Debug)]
@@ -36,11 +37,11 @@ impl Layer<'_> {
 #[derive(Debug)]
 pub(crate) enum Work<'a> {
     /// A convolution of the network's input.
-    Stem { window: Window, weights: &'a [f32], bias: &'a [f32] },
+    Stem { window: Window, weights: &'a Values<'a>, bias: &'a Values<'a> },
     /// A depthwise convolution, if any, then a pointwise one, then the sum with the residual.
-    Block { depthwise: Option<Depthwise<'a>>, weights: &'a [f32], bias: &'a [f32], residual: Residual },
+    Block { depthwise: Option<Depthwise<'a>>, weights: &'a Values<'a>, bias: &'a Values<'a>, residual: Residual },
     /// A convolution whose window is the whole map.
-    Dense { weights: &'a [f32], bias: &'a [f32] },
+    Dense { weights: &'a Values<'a>, bias: &'a Values<'a> },
     /// The elements of some maps, one after the other.
     Gather { inputs: Vec<usize> },
 }
@@ -48,8 +49,8 @@ pub(crate) enum Work<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Depthwise<'a> {
     pub stride: usize,
-    pub weights: &'a [f32],
-    pub bias: &'a [f32],
+    pub weights: &'a Values<'a>,
+    pub bias: &'a Values<'a>,
 }
 
 /// What a block adds to its sums.
@@ -66,14 +67,14 @@ pub(crate) enum Residual {
 pub(crate) enum Activation<'a> {
     None,
     Relu,
-    Prelu(&'a [f32]),
+    Prelu(&'a Values<'a>),
 }
 
 /// Returns the layers of a network, in an order in which they can run.
 ///
 /// # Errors
 /// [`Error::Unsupported`] if the operators do not form layers.
-pub(crate) fn layers(graph: &Graph) -> Result<Vec<Layer<'_>>, Error> {
+pub(crate) fn layers<'a>(graph: &'a Graph<'a>) -> Result<Vec<Layer<'a>>, Error> {
     let mut fusion = Fusion { graph, taken: vec![false; graph.operators().len()] };
     let mut layers = Vec::new();
     for index in 0..graph.operators().len() {
@@ -87,7 +88,7 @@ pub(crate) fn layers(graph: &Graph) -> Result<Vec<Layer<'_>>, Error> {
 }
 
 struct Fusion<'a> {
-    graph: &'a Graph,
+    graph: &'a Graph<'a>,
     /// Which operators are part of a layer already.
     taken: Vec<bool>,
 }
@@ -123,8 +124,8 @@ impl<'a> Fusion<'a> {
         &self,
         operator: &Operator,
         window: Window,
-        weights: &'a [f32],
-        bias: &'a [f32],
+        weights: &'a Values<'a>,
+        bias: &'a Values<'a>,
     ) -> Result<Work<'a>, Error> {
         let (from, to) = (self.shape(operator.inputs[0]), self.shape(operator.output));
         let whole = to.pixels() == 1 && from.rows == window.size && from.columns == window.size;
@@ -144,8 +145,8 @@ impl<'a> Fusion<'a> {
         &self,
         operator: &Operator,
         window: Window,
-        weights: &'a [f32],
-        bias: &'a [f32],
+        weights: &'a Values<'a>,
+        bias: &'a Values<'a>,
     ) -> Result<Depthwise<'a>, Error> {
         let (from, to) = (self.shape(operator.inputs[0]), self.shape(operator.output));
         let twice = (from.rows, from.columns) == (2 * to.rows, 2 * to.columns);
@@ -210,7 +211,7 @@ impl<'a> Fusion<'a> {
     }
 
     /// The operator that reads a tensor, if there is exactly one and the caller does not read it.
-    fn only_user(&self, tensor: usize) -> Option<(usize, &'a Operator)> {
+    fn only_user(&self, tensor: usize) -> Option<(usize, &'a Operator<'a>)> {
         let is_output = self.graph.outputs().iter().any(|port| port.tensor == tensor);
         let all = self.graph.operators().iter().enumerate();
         let mut users = all.filter(|(_, operator)| operator.inputs.contains(&tensor));

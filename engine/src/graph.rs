@@ -4,6 +4,7 @@
 //! operators have written, all shapes agree, and memory and work stay within [`Limits`].
 
 use crate::error::Error;
+use crate::values::Values;
 
 /// The size of a tensor. Elements lie row by row, column by column within a row, and channel by channel within a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,29 +47,29 @@ pub struct Window {
 
 /// What an operator computes.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Kind {
+pub enum Kind<'a> {
     /// Weighted sums over a window and all channels. Weights: output channel, row, column, input channel.
     Convolution {
         /// The window.
         window: Window,
         /// One weight for each output channel and each value of the window.
-        weights: Vec<f32>,
+        weights: Values<'a>,
         /// One addend for each output channel.
-        bias: Vec<f32>,
+        bias: Values<'a>,
     },
     /// Weighted sums over a window, each channel by itself. Weights: row, column, channel.
     Depthwise {
         /// The window.
         window: Window,
         /// One weight for each value of the window.
-        weights: Vec<f32>,
+        weights: Values<'a>,
         /// One addend for each channel.
-        bias: Vec<f32>,
+        bias: Values<'a>,
     },
     /// Multiplies negative values by the slope of their channel.
     Prelu {
         /// One factor for each channel.
-        slopes: Vec<f32>,
+        slopes: Values<'a>,
     },
     /// Replaces negative values by zero.
     Relu,
@@ -87,9 +88,9 @@ pub enum Kind {
 
 /// One step of a network.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Operator {
+pub struct Operator<'a> {
     /// What it computes.
-    pub kind: Kind,
+    pub kind: Kind<'a>,
     /// The tensors it reads.
     pub inputs: Vec<usize>,
     /// The tensor it writes.
@@ -121,21 +122,26 @@ impl Limits {
     const WINDOW: usize = 7;
 }
 
-/// A network that passed all checks.
+/// A network that passed all checks. Its numbers lie in the file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Graph {
+pub struct Graph<'a> {
     tensors: Vec<Shape>,
-    operators: Vec<Operator>,
+    operators: Vec<Operator<'a>>,
     input: Port,
     outputs: Vec<Port>,
 }
 
-impl Graph {
+impl<'a> Graph<'a> {
     /// Checks a network.
     ///
     /// # Errors
     /// [`Error::Damaged`] with the first rule that the network breaks.
-    pub fn new(tensors: Vec<Shape>, operators: Vec<Operator>, input: Port, outputs: Vec<Port>) -> Result<Self, Error> {
+    pub fn new(
+        tensors: Vec<Shape>,
+        operators: Vec<Operator<'a>>,
+        input: Port,
+        outputs: Vec<Port>,
+    ) -> Result<Self, Error> {
         ensure(operators.len() <= Limits::OPERATORS, "the network has too many operators")?;
         let mut elements = 0_usize;
         for shape in &tensors {
@@ -172,7 +178,7 @@ impl Graph {
 
     /// All operators, in an order in which they can run.
     #[must_use]
-    pub fn operators(&self) -> &[Operator] {
+    pub fn operators(&self) -> &[Operator<'a>] {
         &self.operators
     }
 
@@ -189,7 +195,7 @@ impl Graph {
     }
 }
 
-impl Operator {
+impl Operator<'_> {
     /// Checks the shapes and returns the number of multiplications.
     fn check(&self, tensors: &[Shape]) -> Result<usize, Error> {
         let shape = |tensor: &usize| tensors.get(*tensor).copied();

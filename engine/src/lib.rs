@@ -20,9 +20,11 @@ mod schedule;
 mod team;
 #[cfg(test)]
 mod testing;
+mod values;
 
 pub use error::Error;
 pub use graph::{Graph, Shape};
 pub use kernels::Kernels;
 pub use network::Network;
 pub use team::Team;
+pub use values::Values;

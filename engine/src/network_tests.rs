@@ -10,7 +10,7 @@ use crate::{Error, Network, Team, kernels, reference};
 struct Draft {
     random: Random,
     tensors: Vec<Shape>,
-    operators: Vec<Operator>,
+    operators: Vec<Operator<'static>>,
     outputs: Vec<usize>,
 }
 
@@ -20,7 +20,7 @@ impl Draft {
         Self { random: Random::new(seed), tensors, operators: Vec::new(), outputs: Vec::new() }
     }
 
-    fn add(&mut self, kind: Kind, inputs: Vec<usize>, output: Shape) -> usize {
+    fn add(&mut self, kind: Kind<'static>, inputs: Vec<usize>, output: Shape) -> usize {
         self.tensors.push(output);
         let output = self.tensors.len() - 1;
         self.operators.push(Operator { kind, inputs, output });
@@ -29,8 +29,8 @@ impl Draft {
 
     fn convolution(&mut self, input: usize, window: Window, output: Shape) -> usize {
         let count = window.size * window.size * self.tensors[input].channels * output.channels;
-        let weights = self.random.values(count).iter().map(|weight| weight / 4.0).collect();
-        let bias = self.random.values(output.channels);
+        let weights = self.random.values(count).iter().map(|weight| weight / 4.0).collect::<Vec<_>>().into();
+        let bias = self.random.values(output.channels).into();
         self.add(Kind::Convolution { window, weights, bias }, vec![input], output)
     }
 
@@ -39,7 +39,8 @@ impl Draft {
         match self.random.below(3) {
             0 => self.add(Kind::Relu, vec![input], shape),
             1 => {
-                let slopes = self.random.values(shape.channels).iter().map(|slope| slope * 1.5).collect();
+                let slopes =
+                    self.random.values(shape.channels).iter().map(|slope| slope * 1.5).collect::<Vec<_>>().into();
                 self.add(Kind::Prelu { slopes }, vec![input], shape)
             }
             _ => input,
@@ -52,7 +53,7 @@ impl Draft {
         let middle = Shape { rows: from.rows / stride, columns: from.columns / stride, ..from };
         let to = Shape { channels: from.channels + added, ..middle };
         let window = Window { size: 3, stride, top: 2 - stride, left: 2 - stride };
-        let (weights, bias) = (self.random.values(9 * from.channels), self.random.values(from.channels));
+        let [weights, bias] = [9, 1].map(|count| self.random.values(count * from.channels).into());
         let depthwise = self.add(Kind::Depthwise { window, weights, bias }, vec![input], middle);
         let pointwise = self.convolution(depthwise, POINT, to);
         if self.random.below(4) == 0 {
@@ -74,7 +75,7 @@ impl Draft {
         self.activation(sum)
     }
 
-    fn graph(self) -> Graph {
+    fn graph(self) -> Graph<'static> {
         let port = |(index, tensor)| Port { name: format!("output {index}"), tensor };
         let outputs = self.outputs.into_iter().enumerate().map(port).collect();
         let input = Port { name: "input".to_owned(), tensor: 0 };
@@ -85,7 +86,7 @@ impl Draft {
 const POINT: Window = Window { size: 1, stride: 1, top: 0, left: 0 };
 
 /// A network of random blocks behind a first convolution.
-pub(crate) fn random_network(seed: u64) -> Graph {
+pub(crate) fn random_network(seed: u64) -> Graph<'static> {
     let mut random = Random::new(seed);
     let mut pick = |from: &[usize]| from[random.below(from.len())];
     let (size, stride) = (pick(&[3, 5]), pick(&[1, 2]));
@@ -186,12 +187,12 @@ fn operators_that_form_no_layer_are_refused() {
     relu_only.outputs.push(tensor);
     let mut no_pointwise = Draft::new(2, [4, 4, 8]);
     let window = Window { size: 3, stride: 1, top: 1, left: 1 };
-    let kind = Kind::Depthwise { window, weights: vec![0.0; 72], bias: vec![0.0; 8] };
+    let kind = Kind::Depthwise { window, weights: vec![0.0; 72].into(), bias: vec![0.0; 8].into() };
     let tensor = no_pointwise.add(kind, vec![0], shape);
     no_pointwise.outputs.push(tensor);
     let mut other_sum = Draft::new(3, [4, 4, 3]);
     let first = other_sum.convolution(0, window, shape);
-    let kind = Kind::Depthwise { window, weights: vec![0.0; 72], bias: vec![0.0; 8] };
+    let kind = Kind::Depthwise { window, weights: vec![0.0; 72].into(), bias: vec![0.0; 8].into() };
     let depthwise = other_sum.add(kind, vec![first], shape);
     let pointwise = other_sum.convolution(depthwise, POINT, shape);
     let second = other_sum.convolution(0, window, shape);

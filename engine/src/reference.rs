@@ -25,26 +25,27 @@ fn compute(operator: &Operator, shapes: &[Shape], tensors: &[Vec<f32>]) -> Vec<f
     let channel_of = |at: usize| at % to.channels;
     match &operator.kind {
         Kind::Convolution { window, weights, bias } => each(to, |row, column, channel| {
-            let mut sum = f64::from(bias[channel]);
+            let mut sum = f64::from(bias.at(channel));
             for (tap, pixel) in window.pixels(from, row, column) {
                 let at = (channel * window.size * window.size + tap) * from.channels;
                 let pixel = &first[pixel * from.channels..][..from.channels];
-                sum += weights[at..].iter().zip(pixel).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+                let products = (at..).zip(pixel).map(|(at, value)| f64::from(weights.at(at)) * f64::from(*value));
+                sum += products.sum::<f64>();
             }
             sum
         }),
         Kind::Depthwise { window, weights, bias } => each(to, |row, column, channel| {
             let taps = window.pixels(from, row, column).map(|(tap, pixel)| {
-                f64::from(weights[tap * from.channels + channel]) * f64::from(first[pixel * from.channels + channel])
+                f64::from(weights.at(tap * from.channels + channel)) * f64::from(first[pixel * from.channels + channel])
             });
-            f64::from(bias[channel]) + taps.sum::<f64>()
+            f64::from(bias.at(channel)) + taps.sum::<f64>()
         }),
         Kind::MaxPool { window } => each(to, |row, column, channel| {
             let values = window.pixels(from, row, column).map(|(_, pixel)| first[pixel * from.channels + channel]);
             f64::from(values.fold(f32::NEG_INFINITY, f32::max))
         }),
         Kind::Prelu { slopes } => {
-            let slope = |at: usize, value: f32| if value < 0.0 { value * slopes[channel_of(at)] } else { value };
+            let slope = |at: usize, value: f32| if value < 0.0 { value * slopes.at(channel_of(at)) } else { value };
             first.iter().enumerate().map(|(at, value)| slope(at, *value)).collect()
         }
         Kind::Relu => first.iter().map(|value| value.max(0.0)).collect(),

@@ -32,15 +32,18 @@ static COUNTING: Counting = Counting;
 
 /// A first convolution, a block, and both outputs one after the other.
 #[expect(clippy::expect_used, reason = "a fault of the test itself")]
-fn graph() -> Graph {
+fn graph() -> Graph<'static> {
     let picture = Shape { rows: 32, columns: 32, channels: 3 };
     let map = Shape { rows: 16, columns: 16, channels: 20 };
     let joined = Shape { rows: 512, columns: 1, channels: 20 };
     let window = |size, stride, before| Window { size, stride, top: before, left: before };
-    let first = Kind::Convolution { window: window(3, 2, 0), weights: vec![0.1; 540], bias: vec![0.0; 20] };
-    let depthwise = Kind::Depthwise { window: window(3, 1, 1), weights: vec![0.1; 180], bias: vec![0.0; 20] };
-    let pointwise = Kind::Convolution { window: window(1, 1, 0), weights: vec![0.1; 400], bias: vec![0.0; 20] };
-    let prelu = Kind::Prelu { slopes: vec![0.5; 20] };
+    let first =
+        Kind::Convolution { window: window(3, 2, 0), weights: vec![0.1; 540].into(), bias: vec![0.0; 20].into() };
+    let depthwise =
+        Kind::Depthwise { window: window(3, 1, 1), weights: vec![0.1; 180].into(), bias: vec![0.0; 20].into() };
+    let pointwise =
+        Kind::Convolution { window: window(1, 1, 0), weights: vec![0.1; 400].into(), bias: vec![0.0; 20].into() };
+    let prelu = Kind::Prelu { slopes: vec![0.5; 20].into() };
     let steps = [
         (first, vec![0], 1),
         (depthwise, vec![1], 2),

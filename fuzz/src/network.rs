@@ -2,7 +2,7 @@
 
 use facewire_engine::graph::{Kind, Operator, Port, Shape, Window};
 use facewire_engine::kernels::{self, Kernels};
-use facewire_engine::{Graph, Network, reference};
+use facewire_engine::{Graph, Network, Values, reference};
 
 use super::input::Input;
 
@@ -54,7 +54,7 @@ fn compare(found: &[f32], expected: &[f32], kernels: &Kernels) {
 struct Draft<'a> {
     input: Input<'a>,
     tensors: Vec<Shape>,
-    operators: Vec<Operator>,
+    operators: Vec<Operator<'static>>,
     outputs: Vec<usize>,
 }
 
@@ -173,7 +173,7 @@ impl<'a> Draft<'a> {
         self.add(Kind::Concatenation, vec![from, from], Shape { rows, columns: 1, channels: shape.channels });
     }
 
-    fn add(&mut self, kind: Kind, inputs: Vec<usize>, output: Shape) {
+    fn add(&mut self, kind: Kind<'static>, inputs: Vec<usize>, output: Shape) {
         let values: usize = self.tensors.iter().map(|shape| shape.elements()).sum();
         if values + output.elements() <= MOST_VALUES {
             self.tensors.push(output);
@@ -181,7 +181,7 @@ impl<'a> Draft<'a> {
         }
     }
 
-    fn graph(mut self) -> Option<Graph> {
+    fn graph(mut self) -> Option<Graph<'static>> {
         self.outputs.retain(|output| *output > 0);
         self.outputs.push(self.tensors.len() - 1);
         let port = |tensor| Port { name: String::new(), tensor };
@@ -190,8 +190,8 @@ impl<'a> Draft<'a> {
     }
 }
 
-fn weights(count: usize) -> Vec<f32> {
-    (0..count).map(weight).collect()
+fn weights(count: usize) -> Values<'static> {
+    (0..count).map(weight).collect::<Vec<_>>().into()
 }
 
 /// Weights of both signs that do not repeat soon, and small enough that sums hardly grow from layer to layer.

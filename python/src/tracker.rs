@@ -32,6 +32,12 @@ pub struct FaceTracker {
     begun: Instant,
 }
 
+/// The folder of the networks in the installed package. In the extension module they would stay in memory after loading.
+fn networks_of_package(py: Python<'_>) -> PyResult<PathBuf> {
+    let file: PathBuf = py.import("facewire")?.getattr("__file__")?.extract()?;
+    Ok(file.with_file_name("networks"))
+}
+
 struct State {
     tracker: facewire_library::FaceTracker,
     /// Samples of an array that do not lie one after another.
@@ -77,9 +83,7 @@ impl FaceTracker {
         if let Some(path) = model {
             options = options.model(path);
         }
-        if let Some(folder) = networks {
-            options = options.networks(folder);
-        }
+        options = options.networks(networks.map_or_else(|| networks_of_package(py), Ok)?);
         let tracker = py.detach(|| options.open()).map_err(|error| exception(&error))?;
         Ok(Self { state: Mutex::new(State { tracker, memory: Vec::new() }), begun: Instant::now() })
     }

@@ -1,10 +1,8 @@
 //! Numbers of half precision (IEEE 754 binary16), two in the place of one `f32`.
 
-/// Rounds values to half precision and puts two of them into the bits of each `f32`, the first into the lower bits. The
-/// number of values must be even.
-pub(crate) fn pairs(values: &[f32]) -> impl Iterator<Item = f32> {
-    let pairs = values.as_chunks().0.iter();
-    pairs.map(|[low, high]| f32::from_bits(u32::from(rounded(*low)) | u32::from(rounded(*high)) << 16))
+/// Rounds two values to half precision and puts them into the bits of one `f32`, the first into the lower bits.
+pub(crate) fn pair([low, high]: [f32; 2]) -> f32 {
+    f32::from_bits(u32::from(rounded(low)) | u32::from(rounded(high)) << 16)
 }
 
 /// Rounds a value to the nearest number of half precision and returns its bits. A value in the middle between two numbers
@@ -34,7 +32,7 @@ fn rounded(value: f32) -> u16 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::file::from_half;
+    use crate::values::from_half;
 
     /// The values of pairs, as `f32`.
     pub(crate) fn values(pairs: &[f32]) -> Vec<f32> {

@@ -82,7 +82,10 @@ impl Kernels {
                 let at = group * plane + number * self.vector;
                 if self.half {
                     let halves = &mut operand[at / 2..][..self.vector / 2];
-                    halves.iter_mut().zip(half_precision::pairs(values)).for_each(|(to, pair)| *to = pair);
+                    halves
+                        .iter_mut()
+                        .zip(values.as_chunks().0)
+                        .for_each(|(to, pair)| *to = half_precision::pair(*pair));
                 } else {
                     operand[at..at + self.vector].copy_from_slice(values);
                 }

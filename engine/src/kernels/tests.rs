@@ -6,6 +6,13 @@ use super::{Activation, Dense, Depthwise, Kernels, Pointwise, Stem, available};
 use crate::pack;
 use crate::testing::{Random, assert_close, assert_within, tolerance};
 
+/// An array of `length` values that `fill` packs.
+fn packed(length: usize, fill: impl FnOnce(&mut [f32])) -> Vec<f32> {
+    let mut packed = vec![0.0; length];
+    fill(&mut packed);
+    packed
+}
+
 fn activate(value: f32, activation: &Activation, channel: usize) -> f32 {
     match activation {
         Activation::Relu => value.max(0.0),
@@ -49,6 +56,7 @@ fn pointwise_convolutions_agree_with_plain_sums() {
             let residual_channels = lanes * random.below(channels / lanes + 1);
             let input = random.values(pixels * depth);
             let weights = random.values(channels * depth);
+            let length = weights.len() / if kernels.half { 2 } else { 1 };
             let bias = random.values(channels);
             let residual = random.values(pixels * residual_channels);
             let slopes = slopes(&mut random, channels);
@@ -58,7 +66,7 @@ fn pointwise_convolutions_agree_with_plain_sums() {
                 pixels,
                 depth,
                 channels,
-                weights: &pack::pointwise(kernels, &weights, depth, channels),
+                weights: &packed(length, |to| pack::pointwise(to, kernels, &weights.clone().into(), depth, channels)),
                 bias: &bias,
                 residual: &residual,
                 residual_channels,
@@ -100,7 +108,7 @@ fn depthwise_convolutions_agree_with_plain_sums() {
                 rows: [&rows[0], &rows[1], &rows[2], &rows[3]],
                 output_rows,
                 stride,
-                weights: &pack::depthwise(kernels, &weights, channels),
+                weights: &packed(weights.len(), |to| pack::depthwise(to, kernels, &weights.clone().into(), channels)),
                 channels,
                 columns,
                 first_pixel,
@@ -152,7 +160,7 @@ fn first_convolutions_agree_with_plain_sums() {
                 rows: &rows.iter().map(Vec::as_slice).collect::<Vec<_>>(),
                 step,
                 span,
-                weights: &pack::stem(kernels, &weights, channels),
+                weights: &packed(weights.len(), |to| pack::stem(to, kernels, &weights.clone().into(), channels)),
                 bias: &bias,
                 activation,
                 pixels,
@@ -179,8 +187,8 @@ fn dense_layers_agree_with_plain_sums() {
             let (depth, outputs) = (random.below(70) + 1, kernels.dense_panel * (random.below(3) + 1));
             let (input, weights) = (random.values(depth), random.values(depth * outputs));
             let bias = random.values(outputs);
-            let packed =
-                pack::panels(outputs, depth, [kernels.dense_panel; 2], |output, at| weights[output * depth + at]);
+            let weight = |output, input| weights[output * depth + input];
+            let packed = packed(weights.len(), |to| pack::panels(to, depth, [kernels.dense_panel; 2], weight));
             let mut output = vec![f32::NAN; outputs];
             (kernels.dense)(&Dense { input: &input, weights: &packed, bias: &bias }, &mut output);
             let sum = |row: &[f32]| row.iter().zip(&input).map(|(a, b)| a * b).sum::<f32>();

@@ -17,7 +17,7 @@ use crate::team::Team;
 
 /// The layers and maps of a network.
 pub(super) struct Builder<'a> {
-    graph: &'a Graph,
+    graph: &'a Graph<'a>,
     kernels: &'static Kernels,
     sharing: Sharing,
     layers: Vec<Layer<'a>>,
@@ -26,7 +26,7 @@ pub(super) struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    pub(super) fn new(graph: &'a Graph, kernels: &'static Kernels, sharing: Sharing) -> Result<Self, Error> {
+    pub(super) fn new(graph: &'a Graph<'a>, kernels: &'static Kernels, sharing: Sharing) -> Result<Self, Error> {
         let mut layers = fusion::layers(graph)?;
         let mut maps: Vec<Map> = graph.tensors().iter().map(|shape| Map::new(*shape, kernels.lanes)).collect();
         for layer in &layers {

@@ -1,4 +1,4 @@
-//! Packs the weights of all layers into one block of memory.
+//! Packs the weights of all layers into one block of memory, straight from the file.
 
 use std::ops::Range;
 
@@ -11,96 +11,103 @@ use crate::fusion::{self, Residual};
 use crate::graph::Graph;
 use crate::kernels::Kernels;
 use crate::pack;
+use crate::values::Values;
 
-/// The weights of the layers that have been packed so far.
+/// Writes an array of packed weights.
+type Fill<'a> = Box<dyn FnOnce(&mut [f32]) + 'a>;
+
+/// Where the weights of the layers so far will lie, and how they are packed there.
 pub(super) struct Packing<'a> {
-    graph: &'a Graph,
+    graph: &'a Graph<'a>,
     kernels: &'static Kernels,
     maps: &'a [Map],
     layout: Layout,
-    packed: Vec<(Range<usize>, Vec<f32>)>,
+    arrays: Vec<(Range<usize>, Fill<'a>)>,
 }
 
 impl<'a> Packing<'a> {
-    pub(super) fn new(graph: &'a Graph, kernels: &'static Kernels, maps: &'a [Map]) -> Self {
-        Self { graph, kernels, maps, layout: Layout::default(), packed: Vec::new() }
+    pub(super) fn new(graph: &'a Graph<'a>, kernels: &'static Kernels, maps: &'a [Map]) -> Self {
+        Self { graph, kernels, maps, layout: Layout::default(), arrays: Vec::new() }
     }
 
-    /// The memory of all weights.
+    /// Packs the weights of all layers.
     pub(super) fn memory(self) -> Result<Memory, Error> {
         let mut memory = self.layout.memory()?;
-        for (range, values) in self.packed {
-            memory.all_mut()[range].copy_from_slice(&values);
+        for (range, fill) in self.arrays {
+            fill(&mut memory.all_mut()[range]);
         }
         Ok(memory)
     }
 
-    pub(super) fn layer(&mut self, layer: &fusion::Layer, division: Division) -> Result<Layer, Error> {
+    pub(super) fn layer(&mut self, layer: &'a fusion::Layer, division: Division) -> Result<Layer, Error> {
         let work = self.work(layer)?;
         let activation = match layer.activation {
             fusion::Activation::None => Activation::None,
             fusion::Activation::Relu => Activation::Relu,
-            fusion::Activation::Prelu(slopes) => {
-                let channels = self.maps[layer.output].channels;
-                Activation::Prelu(self.append(pack::padded(slopes.iter().copied(), channels)))
-            }
+            fusion::Activation::Prelu(slopes) => Activation::Prelu(self.padded(slopes, layer)),
         };
         let products = layer.products(self.graph);
         Ok(Layer { work, input: layer.input, output: layer.output, activation, products, division })
     }
 
-    fn work(&mut self, layer: &fusion::Layer) -> Result<Work, Error> {
+    fn work(&mut self, layer: &'a fusion::Layer) -> Result<Work, Error> {
         let (kernels, maps) = (self.kernels, self.maps);
         let (from, to) = (&maps[layer.input], &maps[layer.output]);
         Ok(match &layer.work {
             fusion::Work::Stem { window, weights, bias } => {
-                let channels = bias.len();
-                check_matrix_size([to.channels, weights.len() / channels])?;
+                let (channels, inputs) = (bias.len(), weights.len() / bias.len());
+                let length = matrix([to.channels, inputs])?;
                 Work::Stem {
                     size: window.size,
                     stride: window.stride,
                     span: window.size * from.true_channels,
-                    weights: self.append(pack::stem(kernels, weights, channels)),
-                    bias: self.append(pack::padded(bias.iter().copied(), to.channels)),
+                    weights: self.append(length, move |packed| pack::stem(packed, kernels, weights, channels)),
+                    bias: self.padded(bias, layer),
                 }
             }
             fusion::Work::Block { depthwise, weights, bias, residual } => {
                 if *residual != Residual::None && to.channels < from.channels {
                     return Err(Error::Unsupported("a sum has fewer channels than an operand"));
                 }
-                check_matrix_size([to.channels, from.channels])?;
+                let length = matrix([to.channels, from.channels])? / if kernels.half { 2 } else { 1 };
+                let (depthwise, inputs, outputs) = (*depthwise, from.true_channels, to.true_channels);
                 Work::Block {
                     depthwise: depthwise.map(|depthwise| {
-                        let weights = pack::depthwise(kernels, depthwise.weights, from.true_channels);
-                        Depthwise { stride: depthwise.stride, weights: self.append(weights) }
+                        let fill =
+                            move |packed: &mut [f32]| pack::depthwise(packed, kernels, depthwise.weights, inputs);
+                        Depthwise { stride: depthwise.stride, weights: self.append(9 * from.channels, fill) }
                     }),
-                    weights: self.append(pack::pointwise(kernels, weights, from.true_channels, to.true_channels)),
-                    bias: self.append(pack::pointwise_bias(kernels, bias, weights, *depthwise)),
+                    weights: self
+                        .append(length, move |packed| pack::pointwise(packed, kernels, weights, inputs, outputs)),
+                    bias: self
+                        .append(to.channels, move |packed| pack::pointwise_bias(packed, bias, weights, depthwise)),
                     residual: *residual,
                 }
             }
             fusion::Work::Dense { weights, bias } => {
-                let shape = self.graph.tensors()[layer.input];
-                check_matrix_size([to.channels, from.rows * from.row])?;
-                Work::Dense {
-                    weights: self.append(pack::dense(kernels, weights, shape, bias.len())),
-                    bias: self.append(pack::padded(bias.iter().copied(), to.channels)),
-                }
+                let (shape, length) = (self.graph.tensors()[layer.input], matrix([to.channels, from.rows * from.row])?);
+                let fill = move |packed: &mut [f32]| pack::dense(packed, kernels, weights, shape, bias.len());
+                Work::Dense { weights: self.append(length, fill), bias: self.padded(bias, layer) }
             }
             fusion::Work::Gather { inputs } => Work::Gather { inputs: inputs.clone() },
         })
     }
 
-    /// Appends values to the packed weights and returns their place.
-    fn append(&mut self, values: Vec<f32>) -> Range<usize> {
-        let range = self.layout.area(values.len());
-        self.packed.push((range.clone(), values));
+    /// One value for each channel of a layer's output.
+    fn padded(&mut self, values: &'a Values, layer: &fusion::Layer) -> Range<usize> {
+        self.append(self.maps[layer.output].channels, |packed| pack::padded(packed, values))
+    }
+
+    /// Appends an array of `length` to the packed weights and returns its place.
+    fn append(&mut self, length: usize, fill: impl FnOnce(&mut [f32]) + 'a) -> Range<usize> {
+        let range = self.layout.area(length);
+        self.arrays.push((range.clone(), Box::new(fill)));
         range
     }
 }
 
-/// Refuses a matrix of weights that is larger than the memory of a network may be.
-fn check_matrix_size([outputs, inputs]: [usize; 2]) -> Result<(), Error> {
+/// The number of values of a matrix of weights. Refuses one that is larger than the memory of a network may be.
+fn matrix([outputs, inputs]: [usize; 2]) -> Result<usize, Error> {
     let values = outputs.saturating_mul(inputs);
-    if values <= Layout::LARGEST { Ok(()) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
+    if values <= Layout::LARGEST { Ok(values) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
 }

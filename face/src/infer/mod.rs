@@ -211,7 +211,7 @@ impl Native {
         check: impl FnOnce(&Graph) -> Result<(), String>,
     ) -> Result<facewire_engine::Network, InferError> {
         let path = self.folder.file(&format!("{name}.{EXTENSION}"))?;
-        let content = fs::read(&path).map_err(|error| InferError::unreadable(&path, &error))?;
+        let content = file::load(&path).map_err(|error| InferError::unreadable(&path, &error))?;
         let damaged = |reason: String| InferError::damaged(&path, &reason);
         let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
         check(&graph).map_err(damaged)?;

@@ -124,6 +124,6 @@ impl Options {
             None => engine(EngineChoice::Native, "", self.threads)?,
             Some(folder) => engine(EngineChoice::Native, &folder.to_string_lossy(), self.threads)?,
         };
-        FaceTracker::load(&self, engine.as_ref(), &model)
+        FaceTracker::load(&self, engine.as_ref(), model)
     }
 }

@@ -1,5 +1,6 @@
 //! Follows faces from one picture to the next and solves each with a history of its own.
 
+use std::iter;
 use std::time::Duration;
 
 use facewire_face::stages::{Coefficients, Detector, Mesh};
@@ -79,15 +80,15 @@ impl FaceTracker {
         Options::default().open()
     }
 
-    pub(crate) fn load(options: &Options, engine: &dyn Engine, model: &Model) -> Result<Self, Error> {
-        let seat = |_| -> Result<Seat, InferError> {
-            let mut solver = Solver::new(model.clone(), options.profile.clone(), options.shaping.clone());
+    pub(crate) fn load(options: &Options, engine: &dyn Engine, model: Model) -> Result<Self, Error> {
+        let seat = |model| -> Result<Seat, InferError> {
+            let mut solver = Solver::new(model, options.profile.clone(), options.shaping.clone());
             solver.neutral_mode = options.neutral;
             Ok(Seat { mesh: Mesh::load(engine)?, solver, region: None, last: None, is_seen: false, face: Face::NONE })
         };
         Ok(Self {
             detector: Detector::load(engine)?,
-            seats: (0..options.max_faces).map(seat).collect::<Result<_, _>>()?,
+            seats: iter::repeat_n(model, options.max_faces).map(seat).collect::<Result<_, _>>()?,
             regions: Vec::with_capacity(options.max_faces),
             horizontal_fov_deg: options.horizontal_fov_deg,
             is_for_stills: options.stills,

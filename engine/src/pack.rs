@@ -26,16 +26,17 @@ pub(crate) fn panels(
     }
 }
 
+/// Like [`panels`], in half precision.
+pub(crate) fn half_panels(packed: &mut [f32], inputs: usize, widths: [usize; 2], weight: impl Fn(usize, usize) -> f32) {
+    let pair = |pair, input| half_precision::pair([2 * pair, 2 * pair + 1].map(|output| weight(output, input)));
+    panels(packed, inputs, widths.map(|width| width / 2), pair);
+}
+
 /// The weights of a pointwise convolution between padded channels. In half precision, two take the place of one.
 pub(crate) fn pointwise(packed: &mut [f32], kernels: &Kernels, weights: &Values, from: usize, to: usize) {
     let (depth, widths) = (from.next_multiple_of(kernels.lanes), [kernels.panel, kernels.lanes]);
     let weight = |output, input| if output < to && input < from { weights.at(output * from + input) } else { 0.0 };
-    if kernels.half {
-        let pair = |pair, input| half_precision::pair([2 * pair, 2 * pair + 1].map(|output| weight(output, input)));
-        panels(packed, depth, widths.map(|width| width / 2), pair);
-    } else {
-        panels(packed, depth, widths, weight);
-    }
+    if kernels.half { half_panels(packed, depth, widths, weight) } else { panels(packed, depth, widths, weight) }
 }
 
 /// The biases of a pointwise convolution. They include the effect of the biases of the depthwise convolution before it.
@@ -69,14 +70,17 @@ pub(crate) fn stem(packed: &mut [f32], kernels: &Kernels, weights: &Values, chan
     });
 }
 
-/// The weights of a dense layer, for a map of the given shape whose channels are padded in memory.
-pub(crate) fn dense(packed: &mut [f32], kernels: &Kernels, weights: &Values, from: Shape, outputs: usize) {
+/// The weights of a dense layer, for a map of the given shape whose channels are padded in memory. In half precision, two take
+/// the place of one.
+pub(crate) fn dense(packed: &mut [f32], kernels: &Kernels, weights: &Values, from: Shape, outputs: usize, half: bool) {
     let stored = from.channels.next_multiple_of(kernels.lanes);
-    panels(packed, from.pixels() * stored, [kernels.dense_panel; 2], |output, input| {
+    let (inputs, widths) = (from.pixels() * stored, [kernels.dense_panel; 2]);
+    let weight = |output, input| {
         let (pixel, channel) = (input / stored, input % stored);
         let inside = output < outputs && channel < from.channels;
         if inside { weights.at((output * from.pixels() + pixel) * from.channels + channel) } else { 0.0 }
-    });
+    };
+    if half { half_panels(packed, inputs, widths, weight) } else { panels(packed, inputs, widths, weight) }
 }
 
 /// Values, and zeros in the place of padding.

@@ -22,6 +22,10 @@ impl<'a> Values<'a> {
         Self { bytes: bytes.into(), size: 4 }
     }
 
+    pub(crate) fn is_half(&self) -> bool {
+        self.size == 2
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.bytes.len() / self.size
     }

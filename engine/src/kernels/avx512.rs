@@ -1,8 +1,8 @@
 //! Kernels for x86-64 with AVX-512: 32 registers of 16 values.
 
 use std::arch::x86_64::{
-    __m512, _mm512_add_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_max_ps, _mm512_min_ps, _mm512_mul_ps,
-    _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
+    __m512, _mm256_loadu_si256, _mm512_add_ps, _mm512_cvtph_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_max_ps,
+    _mm512_min_ps, _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
 };
 
 use super::table::kernels;
@@ -18,9 +18,10 @@ unsafe impl InstructionSet for Avx512 {
     const TILE: usize = 12;
 
     vector_functions! {
-        zero: _mm512_setzero_ps, load: _mm512_loadu_ps, store: _mm512_storeu_ps, splat: _mm512_set1_ps,
+        zero: _mm512_setzero_ps, load: _mm512_loadu_ps, half: _mm512_cvtph_ps of _mm256_loadu_si256,
+        store: _mm512_storeu_ps, splat: _mm512_set1_ps,
         add: _mm512_add_ps, mul: _mm512_mul_ps, mul_add: _mm512_fmadd_ps, max: _mm512_max_ps, min: _mm512_min_ps,
     }
 }
 
-kernels!(Avx512, "avx512", vectors: 2, tail: 1, stem_vectors: 2, dense_vectors: 4, features: "avx512f");
+kernels!(Avx512, "avx512", vectors: 2, tail: 1, stem_vectors: 2, dense_vectors: 4, dense_half: true, features: "avx512f");

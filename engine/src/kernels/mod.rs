@@ -57,6 +57,9 @@ pub struct Kernels {
     pub stem_panel: usize,
     /// Outputs of a panel of a dense layer.
     pub dense_panel: usize,
+    /// Whether the weights of a dense layer may be in half precision, as in [`half`](Self::half). Its time is that of reading
+    /// them from memory.
+    pub dense_half: bool,
     /// Computes one row of the first convolution.
     pub stem: fn(&Stem, &mut [f32]),
     /// Computes one or two rows of a depthwise 3 x 3 convolution into an operand. The last argument receives the largest
@@ -175,6 +178,8 @@ pub struct Dense<'a> {
     pub input: &'a [f32],
     /// Panels of [`Kernels::dense_panel`] outputs.
     pub weights: &'a [f32],
+    /// Whether the weights are in half precision.
+    pub half: bool,
     /// One addend per padded output.
     pub bias: &'a [f32],
 }
@@ -200,7 +205,7 @@ pub fn available() -> Vec<&'static Kernels> {
         if is_x86_feature_detected!("avx512f") {
             all.push(&avx512::KERNELS);
         }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") && is_x86_feature_detected!("f16c") {
             all.push(&avx2::KERNELS);
         }
     }

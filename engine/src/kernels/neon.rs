@@ -166,4 +166,4 @@ unsafe impl<const HALF: bool> InstructionSet for Neon<HALF> {
     }
 }
 
-kernels!(Neon<false>, "neon", vectors: 2, tail: 2, stem_vectors: 4, dense_vectors: 8, features: "neon");
+kernels!(Neon<false>, "neon", vectors: 2, tail: 2, stem_vectors: 4, dense_vectors: 8, dense_half: false, features: "neon");

@@ -64,4 +64,4 @@ unsafe impl InstructionSet for Plain {
     }
 }
 
-kernels!(Plain, "plain", vectors: 1, tail: 1, stem_vectors: 1, dense_vectors: 4);
+kernels!(Plain, "plain", vectors: 1, tail: 1, stem_vectors: 1, dense_vectors: 4, dense_half: false);

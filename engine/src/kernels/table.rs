@@ -4,7 +4,7 @@
 macro_rules! kernels {
     (
         $set:ty, $name:literal, vectors: $vectors:literal, tail: $tail:literal, stem_vectors: $stem:literal,
-        dense_vectors: $dense:literal $(, features: $features:literal)?
+        dense_vectors: $dense:literal, dense_half: $dense_half:literal $(, features: $features:literal)?
     ) => {
         pub(super) static KERNELS: super::Kernels = super::Kernels {
             name: $name,
@@ -14,6 +14,7 @@ macro_rules! kernels {
             stem_panel: $stem * <$set as InstructionSet>::LANES,
             panel: $vectors * <$set as InstructionSet>::LANES,
             dense_panel: $dense * <$set as InstructionSet>::LANES,
+            dense_half: $dense_half,
             // SAFETY: these kernels are handed out only on processors that have the features.
             stem: |task, output| unsafe { stem(task, output) },
             // SAFETY: as above.

@@ -185,12 +185,22 @@ fn dense_layers_agree_with_plain_sums() {
         let mut random = Random::new(4);
         for _ in 0..20 {
             let (depth, outputs) = (random.below(70) + 1, kernels.dense_panel * (random.below(3) + 1));
-            let (input, weights) = (random.values(depth), random.values(depth * outputs));
+            // These have few digits, so that they lose nothing in half precision.
+            let (input, mut weights) = (random.values(depth), random.values(depth * outputs));
+            for weight in &mut weights {
+                *weight = (*weight * 64.0).round() / 64.0;
+            }
             let bias = random.values(outputs);
-            let weight = |output, input| weights[output * depth + input];
-            let packed = packed(weights.len(), |to| pack::panels(to, depth, [kernels.dense_panel; 2], weight));
+            let (weight, widths) = (|output, input| weights[output * depth + input], [kernels.dense_panel; 2]);
+            let single = packed(weights.len(), |to| pack::panels(to, depth, widths, weight));
             let mut output = vec![f32::NAN; outputs];
-            (kernels.dense)(&Dense { input: &input, weights: &packed, bias: &bias }, &mut output);
+            (kernels.dense)(&Dense { input: &input, weights: &single, half: false, bias: &bias }, &mut output);
+            if kernels.dense_half {
+                let weights = &packed(weights.len() / 2, |to| pack::half_panels(to, depth, widths, weight));
+                let mut from_half = vec![f32::NAN; outputs];
+                (kernels.dense)(&Dense { input: &input, weights, half: true, bias: &bias }, &mut from_half);
+                assert_eq!(from_half, output, "{}", kernels.name);
+            }
             let sum = |row: &[f32]| row.iter().zip(&input).map(|(a, b)| a * b).sum::<f32>();
             let expected: Vec<f32> = weights.chunks(depth).zip(&bias).map(|(row, bias)| bias + sum(row)).collect();
             assert_close(&output, &expected, kernels.name);

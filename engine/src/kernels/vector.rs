@@ -17,6 +17,13 @@ pub(super) unsafe trait InstructionSet {
 
     unsafe fn zero() -> Self::Vector;
     unsafe fn load(from: *const f32) -> Self::Vector;
+    /// Loads a vector of half precision, each two values of which take the place of one `f32`. Only sets whose table has
+    /// `dense_half` have it.
+    #[inline(always)]
+    unsafe fn load_half(from: *const f32) -> Self::Vector {
+        // SAFETY: the caller vouches for the pointer, which is valid for more than this value.
+        unsafe { Self::splat(from) }
+    }
     unsafe fn store(to: *mut f32, value: Self::Vector);
     /// Stores a vector as the values from number `at` on of the operand of a pointwise convolution. The pointer to the
     /// operand must be valid for them.
@@ -142,7 +149,7 @@ pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, c
 /// Implements the functions of [`InstructionSet`] by one intrinsic each.
 #[cfg(target_arch = "x86_64")]
 macro_rules! vector_functions {
-    (zero: $zero:ident, load: $load:ident, store: $store:ident, splat: $splat:ident, add: $add:ident, mul: $mul:ident,
+    (zero: $zero:ident, load: $load:ident, half: $half:ident of $load_halves:ident, store: $store:ident, splat: $splat:ident, add: $add:ident, mul: $mul:ident,
      mul_add: $mul_add:ident, max: $max:ident, min: $min:ident,) => {
         #[inline(always)]
         unsafe fn zero() -> Self::Vector {
@@ -154,6 +161,12 @@ macro_rules! vector_functions {
         unsafe fn load(from: *const f32) -> Self::Vector {
             // SAFETY: the caller vouches for the instruction set and the pointer.
             unsafe { $load(from) }
+        }
+
+        #[inline(always)]
+        unsafe fn load_half(from: *const f32) -> Self::Vector {
+            // SAFETY: the caller vouches for the instruction set and the pointer.
+            unsafe { $half($load_halves(from.cast())) }
         }
 
         #[inline(always)]

@@ -25,7 +25,7 @@ pub(super) struct Layer {
 pub(super) enum Work {
     Stem { size: usize, stride: usize, span: usize, weights: Range<usize>, bias: Range<usize> },
     Block { depthwise: Option<Depthwise>, weights: Range<usize>, bias: Range<usize>, residual: Residual },
-    Dense { weights: Range<usize>, bias: Range<usize> },
+    Dense { weights: Range<usize>, bias: Range<usize>, half: bool },
     Gather { inputs: Vec<usize> },
 }
 
@@ -113,8 +113,8 @@ impl Sources<'_> {
                 self.stem(*size, *stride, task, share);
             }
             Work::Block { .. } => self.block(share),
-            Work::Dense { weights, bias } => {
-                self.dense(&self.weights[weights.clone()], &self.weights[bias.clone()], share);
+            Work::Dense { weights, bias, half } => {
+                self.dense(&self.weights[weights.clone()], &self.weights[bias.clone()], *half, share);
             }
             // `Network::run_step` copies maps by itself.
             Work::Gather { .. } => {}
@@ -131,12 +131,12 @@ impl Sources<'_> {
         }
     }
 
-    fn dense(&self, weights: &[f32], bias: &[f32], share: &mut Share) {
+    fn dense(&self, weights: &[f32], bias: &[f32], half: bool, share: &mut Share) {
         let panel = self.kernels.dense_panel;
         let outputs = share.range.start * panel..share.range.end * panel;
-        let depth = self.input.len();
-        let weights = &weights[outputs.start * depth..outputs.end * depth];
-        (self.kernels.dense)(&kernels::Dense { input: self.input, weights, bias: &bias[outputs] }, share.output);
+        let in_weights = |output: usize| output * self.input.len() / if half { 2 } else { 1 };
+        let weights = &weights[in_weights(outputs.start)..in_weights(outputs.end)];
+        (self.kernels.dense)(&kernels::Dense { input: self.input, weights, half, bias: &bias[outputs] }, share.output);
     }
 
     pub(super) fn activation(&self) -> kernels::Activation<'_> {

@@ -85,9 +85,10 @@ impl<'a> Packing<'a> {
                 }
             }
             fusion::Work::Dense { weights, bias } => {
-                let (shape, length) = (self.graph.tensors()[layer.input], matrix([to.channels, from.rows * from.row])?);
-                let fill = move |packed: &mut [f32]| pack::dense(packed, kernels, weights, shape, bias.len());
-                Work::Dense { weights: self.append(length, fill), bias: self.padded(bias, layer) }
+                let (shape, half) = (self.graph.tensors()[layer.input], kernels.dense_half && weights.is_half());
+                let length = matrix([to.channels, from.rows * from.row])? / if half { 2 } else { 1 };
+                let fill = move |packed: &mut [f32]| pack::dense(packed, kernels, weights, shape, bias.len(), half);
+                Work::Dense { weights: self.append(length, fill), bias: self.padded(bias, layer), half }
             }
             fusion::Work::Gather { inputs } => Work::Gather { inputs: inputs.clone() },
         })

@@ -43,6 +43,7 @@ pub(super) static KERNELS: Kernels = Kernels {
     stem_panel: PANEL,
     panel: PANEL,
     dense_panel: DENSE_PANEL,
+    dense_half: false,
     stem: compute_stem,
     depthwise: compute_depthwise,
     pointwise: compute_pointwise,

@@ -25,7 +25,7 @@ const GROUP: usize = 16;
 const VECTOR: usize = 4;
 
 // `HALF` replaces the pointwise convolution of this table.
-kernels!(Neon<true>, "neon-half", vectors: 2, tail: 4, stem_vectors: 4, dense_vectors: 8, features: "neon");
+kernels!(Neon<true>, "neon-half", vectors: 2, tail: 4, stem_vectors: 4, dense_vectors: 8, dense_half: false, features: "neon");
 
 pub(super) static HALF: Kernels = Kernels { half: true, panel: PANEL, pointwise: half_pointwise, ..KERNELS };
 

@@ -1,8 +1,8 @@
 //! Kernels for x86-64 with AVX-512: 32 registers of 16 values.
 
 use std::arch::x86_64::{
-    __m512, _mm256_loadu_si256, _mm512_add_ps, _mm512_cvtph_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_max_ps,
-    _mm512_min_ps, _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
+    __m512, _MM_HINT_T0, _mm_prefetch, _mm256_loadu_si256, _mm512_add_ps, _mm512_cvtph_ps, _mm512_fmadd_ps,
+    _mm512_loadu_ps, _mm512_max_ps, _mm512_min_ps, _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
 };
 
 use super::table::kernels;
@@ -16,6 +16,12 @@ unsafe impl InstructionSet for Avx512 {
     const LANES: usize = 16;
     // Twelve pixels and two vectors of channels take 24 registers for sums.
     const TILE: usize = 12;
+
+    #[inline(always)]
+    unsafe fn prefetch(from: *const f32) {
+        // SAFETY: to ask for an address is no access.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(from.cast()) }
+    }
 
     vector_functions! {
         zero: _mm512_setzero_ps, load: _mm512_loadu_ps, half: _mm512_cvtph_ps of _mm256_loadu_si256,

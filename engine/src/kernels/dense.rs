@@ -1,7 +1,7 @@
 //! Weighted sums of a whole map, written once over [`InstructionSet`].
 
 use super::Dense;
-use super::vector::{InstructionSet, vectors};
+use super::vector::{InstructionSet, prefetch, vectors};
 
 /// Panics if an area of a task is too small, or if the number of outputs is no multiple of `panel`.
 pub(super) fn check(task: &Dense, panel: usize, output: &[f32]) {
@@ -40,6 +40,7 @@ unsafe fn panels<I: InstructionSet, const N: usize, const HALF: bool>(task: &Den
                     let from = weights.add(of_weights(n * I::LANES));
                     *sum = I::mul_add(value, if HALF { I::load_half(from) } else { I::load(from) }, *sum);
                 }
+                prefetch::<I, N>(weights);
                 weights = weights.add(of_weights(N * I::LANES));
             }
             for (n, sum) in sums.into_iter().enumerate() {

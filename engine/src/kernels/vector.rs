@@ -24,6 +24,10 @@ pub(super) unsafe trait InstructionSet {
         // SAFETY: the caller vouches for the pointer, which is valid for more than this value.
         unsafe { Self::splat(from) }
     }
+    /// Asks for the values at an address, which may lie anywhere, before they are needed. Does nothing by default: with AVX2,
+    /// whose kernels load more for each product, it is slower.
+    #[inline(always)]
+    unsafe fn prefetch(_from: *const f32) {}
     unsafe fn store(to: *mut f32, value: Self::Vector);
     /// Stores a vector as the values from number `at` on of the operand of a pointwise convolution. The pointer to the
     /// operand must be valid for them.
@@ -59,6 +63,7 @@ pub(super) unsafe trait InstructionSet {
                 // SAFETY: the operand and the panel go on for `depth` channels.
                 unsafe {
                     let weights = consecutive::<Self, N>(panel);
+                    prefetch::<Self, N>(panel);
                     for (pixel, sums) in sums.iter_mut().enumerate() {
                         let value = Self::splat(operand.add(pixel * Self::LANES + channel));
                         for (sum, weight) in sums.iter_mut().zip(weights) {
@@ -89,6 +94,22 @@ pub(super) unsafe trait InstructionSet {
     ) -> [[Self::Vector; N]; P] {
         // SAFETY: the caller vouches for the pointers.
         unsafe { broadcast_row::<Self, P, N>(sums, from, panel, step, span) }
+    }
+}
+
+/// How many values before their use weights are asked for. The weights of all networks are more than the second cache holds, and
+/// what a processor fetches ahead by itself ends with a page of 1024 values. 128 to 512 are faster than none, by 5 to 6 %.
+const AHEAD: usize = 256;
+
+/// Fetches the `N` vectors of weights that come [`AHEAD`] after these.
+///
+/// # Safety
+/// The processor must have the instruction set.
+#[inline(always)]
+pub(super) unsafe fn prefetch<I: InstructionSet + ?Sized, const N: usize>(weights: *const f32) {
+    for line in (0..N * I::LANES).step_by(16) {
+        // SAFETY: the caller vouches for the instruction set.
+        unsafe { I::prefetch(weights.wrapping_add(AHEAD + line)) }
     }
 }
 

@@ -1,31 +1,31 @@
-//! ROS 2 by DDS, on a thread of its own.
+//! ROS 2, on a thread of its own, by DDS or by Zenoh.
 //!
 //! The newest packet of each board is published within a few milliseconds, by writers that are reliable, because subscribers of
-//! ROS ask for that by default. A writer that cannot take a message counts it and goes on with the next. After a board falls silent its last face moves to neutral, and then the
-//! topics rest. RustDDS joins the networks that it finds at its start, so a change of addresses starts it again.
+//! ROS ask for that by default. A writer that cannot take a message counts it and goes on with the next. After a board falls
+//! silent its last face moves to neutral, and then the topics rest.
 
 mod messages;
+mod node;
+#[cfg(any(feature = "zenoh", test))]
+mod rmw_zenoh;
+#[cfg(feature = "zenoh")]
+mod zenoh;
 
 use std::{
-    collections::BTreeSet,
     io,
-    net::Ipv4Addr,
     sync::{Arc, mpsc::Receiver},
     thread::{self, JoinHandle},
     time::{Duration, Instant, SystemTime},
 };
 
 use facewire_packet::{BLENDSHAPES, Face, Reason, State};
-use nix::ifaddrs::getifaddrs;
-use ros2_client::{
-    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
-    qos::{Durability, History, QosProfile, WhenFull},
-};
-use serde::Serialize;
 
-use self::messages::{
-    Bool, DiagnosticArray, DiagnosticStatus, FacialActionUnits, Header, IdsList, JointState, KeyValue, PoseStamped,
-    TFMessage, TransformStamped, action_units, pose,
+use self::{
+    messages::{
+        Bool, DiagnosticArray, DiagnosticStatus, FacialActionUnits, Header, IdsList, JointState, KeyValue, PoseStamped,
+        TFMessage, TransformStamped, action_units, pose,
+    },
+    node::{Node, Writer},
 };
 use crate::{
     fleet::{Board, Shared},
@@ -37,14 +37,40 @@ use crate::{
 const LOOK: Duration = Duration::from_millis(50);
 /// Packets that come within this time are published together.
 const GATHER: Duration = Duration::from_millis(2);
-/// The period of diagnostics, and of looks for changed addresses.
+/// The period of diagnostics, and of looks at the network.
 const SECOND: Duration = Duration::from_secs(1);
 /// Boards that get their writers at a time. RustDDS drops announcements of writers if too many are made at once.
 const NEW_BOARDS: usize = 4;
-/// Packets of the past, of which a reader that lost one may ask for.
-const DEPTH: usize = 5;
+/// The name of the node.
+const NODE: &str = "facewire_bridge";
 
-type Failed = Box<dyn std::error::Error>;
+type Failed = Box<dyn std::error::Error + Send + Sync>;
+
+/// A message's type by its package and name, and whether who comes later gets the last one.
+struct Kind {
+    package: &'static str,
+    name: &'static str,
+    is_latched: bool,
+}
+
+impl Kind {
+    const fn new(package: &'static str, name: &'static str) -> Self {
+        Self { package, name, is_latched: false }
+    }
+
+    /// Messages of the past, of which a reader that lost one may ask for.
+    fn depth(&self) -> usize {
+        if self.is_latched { 1 } else { 5 }
+    }
+}
+
+const JOINT_STATE: Kind = Kind::new("sensor_msgs", "JointState");
+const POSE_STAMPED: Kind = Kind::new("geometry_msgs", "PoseStamped");
+const BOOL: Kind = Kind { is_latched: true, ..Kind::new("std_msgs", "Bool") };
+const TRANSFORMS: Kind = Kind::new("tf2_msgs", "TFMessage");
+const DIAGNOSTICS: Kind = Kind::new("diagnostic_msgs", "DiagnosticArray");
+const FACES: Kind = Kind::new("hri_msgs", "IdsList");
+const ACTION_UNITS: Kind = Kind::new("hri_msgs", "FacialActionUnits");
 
 /// Starts to publish.
 pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiver<()>) -> io::Result<JoinHandle<()>> {
@@ -52,11 +78,11 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
     thread::Builder::new().name("ros".to_owned()).spawn(move || {
         let mut told = String::new();
         while !shared.is_stopped() {
-            let addresses = addresses();
             let outcome =
-                Graph::open(&settings, &namespace).and_then(|mut graph| graph.publish(&shared, &rings, &addresses));
+                Graph::open(&settings, &namespace, &shared).and_then(|mut graph| graph.publish(&shared, &rings));
             if let Err(error) = outcome
                 && told != error.to_string()
+                && !shared.is_stopped()
             {
                 told = error.to_string();
                 say(&format!("ROS 2 cannot be reached ({told}); check the network and --ros-domain. Trying again"));
@@ -66,70 +92,44 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
     })
 }
 
-/// The addresses of this machine that DDS uses. Those of IPv6 may change every day.
-fn addresses() -> BTreeSet<Ipv4Addr> {
-    let all = getifaddrs().into_iter().flatten().filter_map(|interface| interface.address);
-    all.filter_map(|address| Some(address.as_sockaddr_in()?.ip())).collect()
-}
-
 /// The writers of a board, and what it showed last.
 struct Writers {
-    blendshapes: Publisher<JointState>,
-    head_pose: Publisher<PoseStamped>,
-    face: Publisher<Bool>,
-    action_units: Option<Publisher<FacialActionUnits>>,
+    blendshapes: Writer<JointState>,
+    head_pose: Writer<PoseStamped>,
+    face: Writer<Bool>,
+    action_units: Option<Writer<FacialActionUnits>>,
     /// The packets that were seen.
     seen: u64,
     shown: Option<Face>,
     has_face: Option<bool>,
 }
 
-/// This program in the graph of ROS.
+/// What is published.
 struct Graph {
     namespace: String,
     node: Node,
     boards: Vec<Writers>,
-    transforms: Publisher<TFMessage>,
-    diagnostics: Publisher<DiagnosticArray>,
-    faces: Option<Publisher<IdsList>>,
+    transforms: Writer<TFMessage>,
+    diagnostics: Writer<DiagnosticArray>,
+    faces: Option<Writer<IdsList>>,
     /// Packets that were replaced by newer ones before they were published.
     skipped: u64,
     /// Messages that a writer could not take.
     refused: u64,
 }
 
-/// A message's package, its type, and whether who comes later gets the last one.
-type Kind = (&'static str, &'static str, Durability);
-
-fn publisher<M: Serialize>(node: &mut Node, topic: &str, kind: Kind) -> Result<Publisher<M>, Failed> {
-    let (package, name, durability) = kind;
-    let depth = if durability == Durability::TransientLocal { 1 } else { DEPTH };
-    let quality = QosProfile::publisher_default()
-        .reliability_reliable(WhenFull::Fail)
-        .durability(durability)
-        .history(History::KeepLast { depth });
-    let topic = node.create_topic(&Name::parse(topic)?, MessageTypeName::new(package, name), &quality)?;
-    Ok(node.create_publisher(&topic, None)?)
-}
-
 impl Graph {
-    fn open(settings: &Ros, namespace: &str) -> Result<Self, Failed> {
-        let context = Context::with_options(ContextOptions::new().domain_id(settings.domain()))?;
-        let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-        let mut node = context.new_node(NodeName::new("/", "facewire_bridge")?, options)?;
-        let volatile = Durability::Volatile;
-        let transforms = publisher(&mut node, "/tf", ("tf2_msgs", "TFMessage", volatile))?;
-        let diagnostics = publisher(&mut node, "/diagnostics", ("diagnostic_msgs", "DiagnosticArray", volatile))?;
-        let faces = settings
-            .action_units
-            .then(|| publisher(&mut node, "/humans/faces/tracked", ("hri_msgs", "IdsList", volatile)));
-        let faces = faces.transpose()?;
+    fn open(settings: &Ros, namespace: &str, shared: &Shared) -> Result<Self, Failed> {
+        let mut node = Node::open(settings, shared)?;
+        let transforms = node.writer("/tf", &TRANSFORMS)?;
+        let diagnostics = node.writer("/diagnostics", &DIAGNOSTICS)?;
+        let faces = settings.action_units.then(|| node.writer("/humans/faces/tracked", &FACES)).transpose()?;
         let namespace = namespace.to_owned();
         Ok(Self { namespace, node, boards: Vec::new(), transforms, diagnostics, faces, skipped: 0, refused: 0 })
     }
 
-    /// Publishes until the program stops or the machine's addresses change.
-    fn publish(&mut self, shared: &Shared, rings: &Receiver<()>, addresses: &BTreeSet<Ipv4Addr>) -> Result<(), Failed> {
+    /// Publishes until the program stops or the node is lost.
+    fn publish(&mut self, shared: &Shared, rings: &Receiver<()>) -> Result<(), Failed> {
         let mut due = Instant::now();
         while !shared.is_stopped() {
             let _ = rings.recv_timeout(LOOK);
@@ -139,15 +139,16 @@ impl Graph {
             if now >= due {
                 due = now + SECOND;
                 self.publish_diagnostics(shared, now);
-                if self::addresses() != *addresses {
-                    say("the addresses of this machine have changed: joining ROS 2 again");
+                if self.node.is_lost() {
                     return Ok(());
                 }
             }
             thread::sleep(GATHER);
         }
         // Who waits for a face learns that there is none, before the writers go.
-        self.boards.iter().for_each(|writers| drop(writers.face.publish(Bool { data: false })));
+        for writers in &mut self.boards {
+            writers.face.publish(Bool { data: false });
+        }
         thread::sleep(LOOK);
         Ok(())
     }
@@ -160,24 +161,12 @@ impl Graph {
         drop(fleet);
         for ((name, taken), at) in new.into_iter().zip(first..) {
             let (node, topic) = (&mut self.node, |part: &str| format!("/{}/{name}/{part}", self.namespace));
-            let action_units = self.faces.is_some().then(|| {
-                let topic = format!("/humans/faces/{}/facs", face_id(at));
-                publisher(node, &topic, ("hri_msgs", "FacialActionUnits", Durability::Volatile))
-            });
-            let action_units = action_units.transpose()?;
+            let units = format!("/humans/faces/{}/facs", face_id(at));
             self.boards.push(Writers {
-                blendshapes: publisher(
-                    node,
-                    &topic("blendshapes"),
-                    ("sensor_msgs", "JointState", Durability::Volatile),
-                )?,
-                head_pose: publisher(
-                    node,
-                    &topic("head_pose"),
-                    ("geometry_msgs", "PoseStamped", Durability::Volatile),
-                )?,
-                face: publisher(node, &topic("face"), ("std_msgs", "Bool", Durability::TransientLocal))?,
-                action_units,
+                blendshapes: node.writer(&topic("blendshapes"), &JOINT_STATE)?,
+                head_pose: node.writer(&topic("head_pose"), &POSE_STAMPED)?,
+                face: node.writer(&topic("face"), &BOOL)?,
+                action_units: self.faces.is_some().then(|| node.writer(&units, &ACTION_UNITS)).transpose()?,
                 // The newest packet is still to be published.
                 seen: taken.saturating_sub(1),
                 shown: None,
@@ -198,7 +187,7 @@ impl Graph {
             drop(fleet);
             let mut refused = 0;
             if writers.has_face.replace(has_face) != Some(has_face) {
-                refused += u64::from(writers.face.publish(Bool { data: has_face }).is_err());
+                refused += writers.face.publish(Bool { data: has_face });
             }
             self.skipped += missed.unwrap_or(0);
             let moves = face.is_silent && writers.shown.is_some_and(|shown| shown != face);
@@ -218,12 +207,12 @@ impl Graph {
                 velocity: &[],
                 effort: &[],
             };
-            refused += u64::from(writers.blendshapes.publish(joints).is_err());
-            refused += u64::from(writers.head_pose.publish(PoseStamped { header: header.clone(), pose }).is_err());
-            if let (Some(writer), true) = (&writers.action_units, has_face) {
+            refused += writers.blendshapes.publish(joints);
+            refused += writers.head_pose.publish(PoseStamped { header: header.clone(), pose });
+            if let (Some(writer), true) = (&mut writers.action_units, has_face) {
                 let [intensity, confidence] = action_units(&face.coefficients);
                 let units = FacialActionUnits { header: header.clone(), intensity, confidence };
-                refused += u64::from(writer.publish(units).is_err());
+                refused += writer.publish(units);
             }
             // Where no face is followed, there is no head to look for.
             let frames = [format!("{name}_head"), format!("face_{}", face_id(at))];
@@ -236,7 +225,7 @@ impl Graph {
             self.refused += refused;
         }
         if !transforms.is_empty() {
-            self.refused += u64::from(self.transforms.publish(TFMessage { transforms }).is_err());
+            self.refused += self.transforms.publish(TFMessage { transforms });
         }
     }
 
@@ -261,10 +250,10 @@ impl Graph {
             ]),
         });
         let header = Header { stamp: SystemTime::now().into(), frame_id: String::new() };
-        if let Some(faces) = &self.faces {
-            self.refused += u64::from(faces.publish(IdsList { header: header.clone(), ids }).is_err());
+        if let Some(faces) = &mut self.faces {
+            self.refused += faces.publish(IdsList { header: header.clone(), ids });
         }
-        self.refused += u64::from(self.diagnostics.publish(DiagnosticArray { header, status }).is_err());
+        self.refused += self.diagnostics.publish(DiagnosticArray { header, status });
     }
 }
 

@@ -75,6 +75,8 @@ pub struct Mqtt {
 #[serde(default, deny_unknown_fields)]
 pub struct Ros {
     pub domain: Option<u16>,
+    /// The router of Zenoh, as in `--ros-zenoh`. Without it, messages go by DDS.
+    pub zenoh: Option<String>,
     /// Whether action units are published as ROS4HRI has them.
     pub action_units: bool,
 }
@@ -84,6 +86,26 @@ impl Ros {
     pub fn domain(&self) -> u16 {
         let of_environment = || std::env::var("ROS_DOMAIN_ID").ok()?.parse().ok();
         self.domain.or_else(of_environment).unwrap_or(0)
+    }
+
+    /// The router of Zenoh, as Zenoh writes it.
+    pub fn endpoint(&self) -> Option<Result<String, Fault>> {
+        let router = self.zenoh.as_deref()?;
+        let (host, port) = match place(router.trim_start_matches("tcp/"), 7447) {
+            Ok(place) => place,
+            Err(fault) => return Some(Err(fault)),
+        };
+        Some(Ok(format!("tcp/{host}:{port}")))
+    }
+
+    fn check(&self) -> Result<(), Fault> {
+        if let domain @ 233.. = self.domain() {
+            return fault(format!("there is no domain {domain} in ROS 2: it is from 0 to 232"));
+        }
+        if self.zenoh.is_some() && !cfg!(feature = "zenoh") {
+            return fault("this facewire-bridge was built without Zenoh; build it with `--features zenoh`");
+        }
+        self.endpoint().transpose().map(drop)
     }
 }
 
@@ -146,11 +168,12 @@ impl Settings {
         } else if is_for_mqtt {
             return fault("an argument that begins with --mqtt- needs a broker: give --mqtt BROKER, or a table [mqtt]");
         }
-        if args.ros {
+        if args.ros || args.ros_zenoh.is_some() {
             self.ros.get_or_insert_default();
         }
         if let Some(ros) = &mut self.ros {
             ros.domain = args.ros_domain.or(ros.domain);
+            ros.zenoh = args.ros_zenoh.or(ros.zenoh.take());
         } else if args.ros_domain.is_some() {
             return fault("--ros-domain is for ROS 2: give --ros, or a table [ros]");
         }
@@ -180,9 +203,7 @@ impl Settings {
             return fault(format!("most_boards must be from {} to 256", self.board.len().max(1)));
         }
         check_name("the namespace", &self.namespace)?;
-        if let Some(domain @ 233..) = self.ros.as_ref().map(Ros::domain) {
-            return fault(format!("there is no domain {domain} in ROS 2: it is from 0 to 232"));
-        }
+        self.ros.as_ref().map_or(Ok(()), Ros::check)?;
         match &self.mqtt {
             Some(mqtt) => mqtt.check(),
             None if self.ros.is_some() => Ok(()),
@@ -213,24 +234,15 @@ impl Mqtt {
             "mqtts" | "ssl" => true,
             _ => return fault(format!("{scheme}:// is unknown: write mqtt:// or, for TLS, mqtts://")),
         };
-        let (user, place) = rest.rsplit_once('@').map_or((None, rest), |(user, place)| (Some(user), place));
+        let (user, address) = rest.rsplit_once('@').map_or((None, rest), |(user, address)| (Some(user), address));
         if user.is_some_and(|user| user.contains(':')) {
             return fault(format!(
                 "a password in an argument or in these settings can be read by others: put it into a file for \
                  --mqtt-password-file, or into the environment as {PASSWORD}"
             ));
         }
-        let place = place.trim_end_matches('/');
-        let (host, port) = match place.rsplit_once(':') {
-            Some((host, port)) if !port.contains(']') => (host, port.parse().ok()),
-            _ => (place, Some(if is_tls { 8883 } else { 1883 })),
-        };
-        match port {
-            Some(port) if !host.is_empty() && !host.contains('/') => {
-                Ok(Broker { is_tls, user: user.map(str::to_owned), host: host.to_owned(), port })
-            }
-            _ => fault(format!("{place:?} is no HOST or HOST:PORT, such as broker.local:1883")),
-        }
+        let (host, port) = place(address, if is_tls { 8883 } else { 1883 })?;
+        Ok(Broker { is_tls, user: user.map(str::to_owned), host, port })
     }
 
     /// The password, from the file or the environment.
@@ -249,6 +261,19 @@ pub struct Broker {
     pub user: Option<String>,
     pub host: String,
     pub port: u16,
+}
+
+/// A host and its port.
+fn place(text: &str, default_port: u16) -> Result<(String, u16), Fault> {
+    let text = text.trim_end_matches('/');
+    let (host, port) = match text.rsplit_once(':') {
+        Some((host, port)) if !port.contains(']') => (host, port.parse().ok()),
+        _ => (text, Some(default_port)),
+    };
+    match port {
+        Some(port) if !host.is_empty() && !host.contains('/') => Ok((host.to_owned(), port)),
+        _ => fault(format!("{text:?} is no HOST or HOST:PORT, such as server.local:{default_port}")),
+    }
 }
 
 /// Reads a file of the user.

@@ -2,6 +2,8 @@
 
 listen.py mqtt PORT TOPIC            messages, by paho-mqtt
 listen.py dds DOMAIN TYPE TOPIC...   samples of topics of one type, by CycloneDDS, with the quality that ROS asks for
+listen.py router PORT                tokens of nodes and writers, by a router of eclipse-zenoh
+listen.py zenoh PORT DOMAIN TYPE TOPIC   messages as rmw_zenoh reads them, by eclipse-zenoh, with hashes and CDR by rosbags
 """
 
 import dataclasses
@@ -78,4 +80,52 @@ def dds(domain, kind, *topics):
         time.sleep(0.01)
 
 
-{"mqtt": mqtt, "dds": dds}[sys.argv[1]](*sys.argv[2:])
+def session(mode, way, port):
+    """Returns a session of Zenoh that uses a port of this machine, and nothing else."""
+    import zenoh
+
+    config = zenoh.Config()
+    for key, value in {"mode": mode, f"{way}/endpoints": [f"tcp/127.0.0.1:{port}"], "scouting/multicast/enabled": False}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+def router(port):
+    """Prints whether a token came or went, and its key."""
+
+    def told(sample):
+        print(json.dumps([str(sample.kind).removeprefix("SampleKind."), str(sample.key_expr)]), flush=True)
+
+    routes = session("router", "listen", port)
+    routes.liveliness().declare_subscriber("@ros2_lv/**", told, history=True)
+    print("listens", flush=True)
+    time.sleep(1e6)
+    routes.close()
+
+
+def zenoh(port, domain, kind, topic):
+    """Prints each message with its number, its time in nanoseconds and its writer. The key has the hash of rosbags."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from zenoh import ext
+
+    known = get_typestore(Stores.ROS2_JAZZY)
+    known.register(get_types_from_msg("std_msgs/Header header\nstring[] ids", "hri_msgs/msg/IdsList"))
+    units = "std_msgs/Header header\nfloat32[99] intensity\nfloat32[99] confidence"
+    known.register(get_types_from_msg(units, "hri_msgs/msg/FacialActionUnits"))
+    package, short = kind.split("/")
+    name = f"{package}/msg/{short}"
+
+    def received(sample):
+        number, time_ns, writer = ext.z_deserialize(tuple[ext.Int64, ext.Int64, bytes], sample.attachment)
+        message = dataclasses.asdict(known.deserialize_cdr(sample.payload.to_bytes(), name))
+        print(json.dumps([message, number, time_ns, writer.hex()], default=lambda array: array.tolist()), flush=True)
+
+    key = f"{domain}{topic}/{package}::msg::dds_::{short}_/{known.hash_rihs01(name)}"
+    history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1) if topic.endswith("/face") else None
+    reader = session("peer", "connect", port)
+    ext.declare_advanced_subscriber(reader, key, received, history=history)
+    time.sleep(1e6)
+    reader.close()
+
+
+{"mqtt": mqtt, "dds": dds, "router": router, "zenoh": zenoh}[sys.argv[1]](*sys.argv[2:])

@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{Board, Bridge, Broker, listener, python, sending};
+use common::{Board, Bridge, Broker, SETUP, listener, python, sending};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use serde_json::Value;
 
@@ -72,7 +72,7 @@ fn a_camera_that_is_unplugged_is_a_problem_with_its_reason_and_no_face() {
 
 #[test]
 fn paho_reads_the_retained_discovery_whose_topics_exist_and_whose_entities_are_complete() {
-    let (Some(broker), Some(python)) = (Broker::start(), python("paho.mqtt")) else { return };
+    let (Some(broker), Some(python)) = (Broker::start(), python("paho.mqtt", SETUP)) else { return };
     let (_bridge, left) = with_left(&broker, &[]);
     let _guard = sending(vec![left]);
     let mut first = broker.subscribe("facewire/left/health");

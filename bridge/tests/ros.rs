@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use common::{Board, Bridge, Program, listener, python, sending};
+use common::{Board, Bridge, Program, SETUP, listener, python, sending};
 use facewire_packet::BLENDSHAPES;
 use serde_json::Value;
 
@@ -30,7 +30,7 @@ fn sample(listener: &mut Program, what: &str, accepts: impl Fn(&Value) -> bool) 
 
 /// A bridge with one board, left, and what Python needs to listen.
 fn with_left(arguments: &[&str]) -> Option<(impl Fn(&str, &str) -> Program + use<>, Bridge, Board)> {
-    let python = python("cyclonedds")?;
+    let python = python("cyclonedds", SETUP)?;
     let domain = domain();
     let ros = ["--ros", "--ros-domain", &domain, "--board", "left=127.0.1.1"];
     let bridge = Bridge::start(&[&ros, arguments].concat());

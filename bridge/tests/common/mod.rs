@@ -22,6 +22,8 @@ use std::{
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use serde_json::Value;
 
+/// How to get what tests need.
+pub const SETUP: &str = "run scripts/setup tests";
 /// How long something may take on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(40);
 
@@ -274,16 +276,16 @@ impl Program {
     }
 }
 
-/// The Python with the libraries of other implementations, which `scripts/setup` has made.
-pub fn python(library: &str) -> Option<PathBuf> {
+/// The Python of `scripts/setup`, if it has these libraries of other implementations.
+pub fn python(libraries: &str, remedy: &str) -> Option<PathBuf> {
     let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
     let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
     let python = cache.join("facewire/venv-tests/bin/python");
-    let imported = Command::new(&python).args(["-c", &format!("import {library}")]).output();
+    let imported = Command::new(&python).args(["-c", &format!("import {libraries}")]).output();
     if imported.is_ok_and(|output| output.status.success()) {
         return Some(python);
     }
-    skip::skip(&format!("the Python library {library} is not there: run scripts/setup tests"));
+    skip::skip(&format!("Python cannot import {libraries}: {remedy}"));
     None
 }
 

@@ -353,6 +353,28 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "zenoh")]
+    #[test]
+    fn routers_are_read_as_users_and_zenoh_write_them_and_stand_for_ros_2() {
+        for (router, endpoint) in [
+            (&["--ros-zenoh"][..], "tcp/localhost:7447"),
+            (&["--ros-zenoh", "robot.local"], "tcp/robot.local:7447"),
+            (&["--ros-zenoh", "tcp/[::1]:7448"], "tcp/[::1]:7448"),
+        ] {
+            assert_eq!(loaded(router).unwrap().ros.unwrap().endpoint(), Some(Ok(endpoint.to_owned())));
+        }
+        for router in ["udp/localhost", "", "a:x"] {
+            assert!(loaded(&["--ros-zenoh", router]).unwrap_err().contains("is no HOST"), "{router}");
+        }
+    }
+
+    #[cfg(not(feature = "zenoh"))]
+    #[test]
+    fn a_program_that_was_built_without_zenoh_says_how_to_build_it() {
+        let error = loaded(&["--ros-zenoh", "robot.local"]).unwrap_err();
+        assert!(error.contains("built without Zenoh; build it with `--features zenoh`"), "{error}");
+    }
+
     #[test]
     fn a_file_names_its_faults_with_the_line_and_arguments_take_precedence() {
         let file = tempfile::NamedTempFile::new().unwrap();

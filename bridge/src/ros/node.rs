@@ -17,7 +17,7 @@ use crate::{fleet::Shared, say, settings::Ros};
 /// This program in the graph of ROS.
 pub enum Node {
     /// RustDDS joins the networks that it finds at its start, so their addresses are kept.
-    Dds(ros2_client::Node, BTreeSet<Ipv4Addr>),
+    Dds(Box<ros2_client::Node>, BTreeSet<Ipv4Addr>),
     #[cfg(feature = "zenoh")]
     Zenoh(zenoh::Node),
 }
@@ -32,7 +32,7 @@ impl Node {
         let addresses = addresses();
         let context = Context::with_options(ContextOptions::new().domain_id(settings.domain()))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-        Ok(Self::Dds(context.new_node(NodeName::new("/", NODE)?, options)?, addresses))
+        Ok(Self::Dds(Box::new(context.new_node(NodeName::new("/", NODE)?, options)?), addresses))
     }
 
     pub fn writer<M: Serialize>(&mut self, topic: &str, kind: &Kind) -> Result<Writer<M>, Failed> {

@@ -18,7 +18,6 @@ use std::{
     net::SocketAddr,
     process::ExitCode,
     sync::{Arc, atomic::Ordering},
-    thread::JoinHandle,
     time::Instant,
 };
 
@@ -92,7 +91,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         if let Some(publishes) = publishes {
             let _ = publishes.await;
         }
-        let _ = graph.map(JoinHandle::join);
+        graph.iter().for_each(ros::finish);
         Ok(())
     })
 }

@@ -41,6 +41,8 @@ const GATHER: Duration = Duration::from_millis(2);
 const SECOND: Duration = Duration::from_secs(1);
 /// Boards that get their writers at a time. RustDDS drops announcements of writers if too many are made at once.
 const NEW_BOARDS: usize = 4;
+/// How long the farewell may take.
+const FAREWELL: Duration = Duration::from_secs(2);
 /// The name of the node.
 const NODE: &str = "facewire_bridge";
 
@@ -90,6 +92,15 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
             thread::sleep(LOOK);
         }
     })
+}
+
+/// Waits for the thread, which has been told to end. Zenoh may wait longer for a router that stands still, but the router
+/// takes back what the program has declared as soon as the program has ended.
+pub fn finish(thread: &JoinHandle<()>) {
+    let end = Instant::now() + FAREWELL;
+    while !thread.is_finished() && Instant::now() < end {
+        thread::sleep(LOOK);
+    }
 }
 
 /// The writers of a board, and what it showed last.

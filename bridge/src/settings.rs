@@ -90,12 +90,8 @@ impl Ros {
 
     /// The router of Zenoh, as Zenoh writes it.
     pub fn endpoint(&self) -> Option<Result<String, Fault>> {
-        let router = self.zenoh.as_deref()?;
-        let (host, port) = match place(router.trim_start_matches("tcp/"), 7447) {
-            Ok(place) => place,
-            Err(fault) => return Some(Err(fault)),
-        };
-        Some(Ok(format!("tcp/{host}:{port}")))
+        let router = self.zenoh.as_deref()?.trim_start_matches("tcp/");
+        Some(place(router, 7447).map(|(host, port)| format!("tcp/{host}:{port}")))
     }
 
     fn check(&self) -> Result<(), Fault> {

@@ -10,6 +10,7 @@ use std::{
 };
 
 use serde::Serialize;
+use serde_json::json;
 use zenoh::{Config, Session, Wait as _, liveliness::LivelinessToken};
 use zenoh_ext::{AdvancedPublisher, AdvancedPublisherBuilderExt as _, CacheConfig, MissDetectionConfig};
 
@@ -36,14 +37,15 @@ impl Node {
     pub fn open(settings: &Ros, endpoint: String, shared: &Shared) -> Result<Self, Failed> {
         let mut config = Config::default();
         for (key, value) in [
-            ("mode", "\"client\"".to_owned()),
-            ("connect/endpoints", format!("[\"{endpoint}\"]")),
-            ("connect/timeout_ms", "-1".to_owned()),
-            ("scouting/multicast/enabled", "false".to_owned()),
+            ("mode", json!("client")),
+            ("connect/endpoints", json!([endpoint])),
+            // Without end.
+            ("connect/timeout_ms", json!(-1)),
+            ("scouting/multicast/enabled", json!(false)),
             // Readers that ask for earlier messages go by their times.
-            ("timestamping/enabled", "true".to_owned()),
+            ("timestamping/enabled", json!(true)),
         ] {
-            config.insert_json5(key, &value)?;
+            config.insert_json5(key, &value.to_string())?;
         }
         let (sender, opened) = channel();
         // To look up a name or to connect may take long, and cannot be ended.

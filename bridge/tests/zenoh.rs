@@ -1,5 +1,4 @@
 //! What eclipse-zenoh and rosbags read, as nodes with rmw_zenoh would. CONTRIBUTING.md has the command.
-#![cfg(feature = "zenoh")]
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;

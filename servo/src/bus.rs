@@ -94,6 +94,8 @@ struct Servo {
     missed: u8,
     missed_at: Option<Instant>,
     is_damaged: bool,
+    /// Another servo has fallen silent since this one was read. It gets no goals, because it may have lost its power, too.
+    is_doubtful: bool,
     trouble: Option<String>,
 }
 
@@ -234,17 +236,20 @@ impl Line {
         let has_torque = family.get(&servo.registers, family.torque) > 0;
         let watchdog = family.get(&servo.registers, family.watchdog);
         let is_unset = family.watchdog.1 > 0 && watchdog == 0;
-        let is_stopped = servo.is_on && (!has_torque && alarm.is_some() || watchdog == TRIPPED);
+        // It has heard nothing, as the one that fell silent.
+        let was_cut_off = std::mem::take(&mut servo.is_doubtful) && watchdog == TRIPPED;
+        let has_tripped = watchdog == TRIPPED && !was_cut_off;
+        let is_stopped = servo.is_on && (!has_torque && alarm.is_some() || has_tripped);
         servo.is_halted = is_stopped || servo.is_halted && !is_unset;
         if !servo.is_halted || is_stopped {
             let trouble = alarm.map(str::to_owned).or_else(|| family.trouble(&servo.registers));
             servo.trouble = trouble.or_else(|| is_stopped.then(|| TRIPPED_BY_ITSELF.to_owned()));
         }
-        let (has_lost_power, has_arrived) = (!has_torque || is_unset, has_arrived(family, servo, channel));
+        let (begins_again, has_arrived) = (!has_torque || is_unset || was_cut_off, has_arrived(family, servo, channel));
         match (servo.is_on, channel.place_now().is_some() && !servo.is_halted) {
-            (true, false) if !servo.is_halted && !has_arrived && !has_lost_power => {}
+            (true, false) if !servo.is_halted && !has_arrived && !begins_again => {}
             (is_on, false) if is_on || has_torque => (servo.is_on, servo.torque_order) = (false, Some(false)),
-            (true, true) if has_lost_power => (servo.is_on, servo.next) = (false, 0),
+            (true, true) if begins_again => (servo.is_on, servo.next) = (false, 0),
             (true, true) if has_arrived && (channel.motion.position - channel.target).abs() <= CLOSE => {
                 channel.limits = channel.settings.limits();
             }
@@ -264,7 +269,11 @@ impl Line {
         let Some(servo) = self.servos.get_mut(index) else { return };
         (servo.missed, servo.is_damaged) = (servo.missed.saturating_add(1), servo.is_damaged || is_damaged);
         if servo.missed >= MOST_MISSED {
+            let was_on = servo.is_on;
             servo.lose(if servo.is_damaged { DAMAGED } else { SILENT });
+            for servo in self.servos.iter_mut().filter(|_| was_on) {
+                (servo.is_doubtful, servo.next) = (true, servo.next.min(1));
+            }
         } else {
             // A servo that is away must get no goals when it comes back, so it is asked again at once.
             self.turn = index;
@@ -299,7 +308,7 @@ impl Line {
                     place.unwrap_or_else(|| channel.place(channel.motion.position))
                 }
             };
-            if servo.is_on {
+            if servo.is_on && !servo.is_doubtful {
                 let Limits { speed_per_s, acceleration_per_s2 } = channel.limits;
                 let [speed, acceleration] = [speed_per_s, acceleration_per_s2].map(|limit| limit * channel.span());
                 goals.push((servo.id, family.goal([place, speed, acceleration], &servo.registers)));

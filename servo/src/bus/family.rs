@@ -325,7 +325,7 @@ impl Family {
         [
             told(self.volts[0], volts as f32 / 10.0),
             told(celsius, degrees as f32),
-            told(load, (share & 0x3FF) as f32 / 1000.0),
+            told(load, ((share & 0x3FF) as f32 / 1000.0).min(1.0)),
         ]
     }
 

@@ -322,6 +322,49 @@ fn a_servo_that_lost_its_power_in_mid_move_begins_again_where_it_stands() {
 }
 
 #[test]
+fn a_line_that_falls_silent_in_mid_move_gets_no_goals_is_at_rest_within_1_5_s_and_comes_back_slowly_by_itself() {
+    let cuts = [(0.3, true), (0.7, true), (0.7, false), (1.5, true), (1.5, false)];
+    let cases = ALL.into_iter().flat_map(|family| [(family, 3), (family, 8)]);
+    for ((family, count), (seconds, has_power)) in cases.flat_map(|case| cuts.map(|cut| (case, cut))) {
+        let mut rig = Rig::new(family, &(1..=count).map(|id| channel(id, 300.0, 700.0)).collect::<Vec<_>>());
+        let name = format!("{count} {} {seconds} {has_power}", family.name);
+        rig.run(3.0);
+        rig.bus.servos.iter_mut().for_each(|servo| servo.motor = 300.0);
+        rig.jaw_open = 1.0;
+        rig.run(0.5);
+        if !has_power {
+            let back = rig.now + Duration::from_secs_f32(seconds);
+            rig.bus.servos.iter_mut().for_each(|servo| servo.restart(back));
+        }
+        // Nothing reaches the servos, and nothing comes back.
+        for step in 0..(seconds / STEP.as_secs_f32()) as usize {
+            let message = rig.message();
+            let has_goals = message.windows(2).any(|start| start == [0x83, family.goal.0]);
+            assert!(step < 12 || !has_goals, "{name}: goals after 0.24 s");
+        }
+        if seconds == 1.5 {
+            assert!(rig.line.is_at_rest() && rig.line.troubles().lines().count() == count as usize, "{name}");
+            // As the documents say: at once, after half a second, and at the last goal.
+            let places = if !has_power {
+                430.0..470.0
+            } else if family == X {
+                570.0..630.0
+            } else {
+                700.0..701.0
+            };
+            let stand = |servo: &(bool, f64)| servo.0 == has_power && places.contains(&servo.1);
+            assert!(rig.servos().iter().all(stand), "{name}: {:?}", rig.servos());
+        }
+        rig.bus.written.clear();
+        rig.run(5.0);
+        assert_eq!((rig.servos(), &*rig.line.troubles()), (vec![(true, 700.0); count as usize], ""), "{name}");
+        if !has_power || family == X && seconds > 0.5 || seconds > 1.0 {
+            (1..=count).for_each(|id| rig.assert_slow_start(id as u8));
+        }
+    }
+}
+
+#[test]
 fn a_watchdog_is_cleared_after_a_silence_of_the_line_and_otherwise_told_and_not_cleared() {
     let mut rig = Rig::of_three(X);
     rig.jaw_open = 0.0;
@@ -394,6 +437,29 @@ fn an_alarm_is_told_and_a_dynamixel_x_that_stopped_itself_gets_nothing_more() {
         rig.bus.servos[1].registers = before;
     }
     assert_eq!(rig.run(1.0).line.troubles(), "", "what is over is not told any more");
+}
+
+#[test]
+fn volts_degrees_and_the_load_in_either_direction_from_0_to_1_are_shown_as_far_as_the_family_tells_them() {
+    // By the makers' manuals: where the load is, whose bit 10 is its direction, and in which order its bytes are.
+    for (family, load, celsius) in
+        [(X, None, 146), (AX, Some(40), 43), (MX, Some(40), 43), (STS, Some(60), 63), (SCS, Some(60), 63)]
+    {
+        let mut rig = Rig::of_three(family);
+        rig.run(1.0);
+        for (told, want) in
+            [(0, 0.0), (250, 0.25), (1000, 1.0), (1023, 1.0), (1024, 0.0), (1024 + 250, 0.25), (2047, 1.0)]
+        {
+            let told = if family == SCS { u16::to_be_bytes(told) } else { u16::to_le_bytes(told) };
+            let registers = &mut rig.bus.servos[1].registers;
+            registers[celsius] = 41;
+            load.into_iter().for_each(|at: usize| registers[at..at + 2].copy_from_slice(&told));
+            rig.run(1.0);
+            let shown = rig.line.board.dials.channels[1].health.each_ref().map(crate::Number::get);
+            assert_eq!(shown[1..3], [Some(41.0), load.map(|_| want)], "{} {told:?}", family.name);
+            assert!(shown[0].is_some_and(|volts| (5.0..13.0).contains(&volts)), "{}: {shown:?}", family.name);
+        }
+    }
 }
 
 #[test]

@@ -61,7 +61,7 @@ const RETRY_DELAY: Duration = Duration::from_secs(1);
 const QUIET_US: u64 = 1_000_000;
 /// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
-/// Longest time that one who drives may be silent.
+/// Longest silence of a client that drives.
 const DRIVE_PATIENCE: Duration = Duration::from_millis(400);
 /// Least time between two packets to a watcher.
 const WATCH_PERIOD: Duration = Duration::from_micros(16_666);
@@ -72,6 +72,7 @@ const USUAL_SIZE: [usize; 2] = [640, 480];
 const STACK_BYTES: usize = 512 << 10;
 const MODEL_CHANGED: &str =
     "no profile was made, and the former one stays. The blendshape model has changed: try again";
+const TOO_MANY_PICTURES: &str = "too many pictures are asked for: try again when the camera shows some";
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
 
@@ -153,10 +154,8 @@ pub(super) struct Peers {
 type Answer = (Reply, Vec<u8>);
 
 /// What a client is there for.
-#[derive(Default)]
 enum Task {
     /// To ask: its request is heard.
-    #[default]
     Ask,
     /// To take the answer, after which the connection is closed.
     Leave,
@@ -206,7 +205,7 @@ impl Server {
         if path.is_none() {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
         }
-        tell_console(&settings.console);
+        warn_of_picture(&settings.console);
         let (stop_signal, stop) = pipe()?;
         let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let doors = [control, Door::new(settings.metrics.listen.clone(), Speaks::Http)];
@@ -248,8 +247,7 @@ impl Server {
             match door.listener.as_ref().map(Listener::accept) {
                 Some(Ok(stream)) => self.clients.push_back((Client::new(stream.into(), door.speaks), Task::Ask)),
                 Some(Err(error)) if error.kind() != ErrorKind::WouldBlock => {
-                    // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from
-                    // spinning.
+                    // Without memory or file descriptors the client stays in the queue, and the loop would spin.
                     door.rests_until = Some(Instant::now() + RETRY_DELAY);
                 }
                 Some(Err(_)) | None => {}
@@ -268,7 +266,7 @@ impl Server {
                 *door = Door::new(settings.metrics.listen.clone(), Speaks::Http);
             }
             if settings.console != self.settings.console {
-                tell_console(&settings.console);
+                warn_of_picture(&settings.console);
             }
             self.settings = settings;
             for (_, task) in &mut self.clients {
@@ -289,7 +287,7 @@ impl Server {
     fn serve(&mut self) {
         let packet = self.packet_to_show();
         for _ in 0..self.clients.len() {
-            // The others are seen by those who ask whether something goes on.
+            // Out of the queue while it is served, so that it does not count as another client that does the same.
             let Some((mut client, mut task)) = self.clients.pop_front() else { break };
             let stepped = self.step(&mut client, &mut task, packet.as_ref());
             if stepped.is_err() || (matches!(task, Task::Leave) && !client.is_behind()) {
@@ -333,7 +331,7 @@ impl Server {
             }
             Task::Leave => None,
             Task::Drive => self.drive(client)?.map(|why| {
-                tracing::info!("who drives is refused: {why}");
+                tracing::info!("the driver is refused: {why}");
                 (Reply::Refused(why), Vec::new())
             }),
             _ if client.has_gone(STREAM_PATIENCE) => return Err(ErrorKind::ConnectionReset.into()),
@@ -406,7 +404,7 @@ impl Server {
             }
             Request::Drive {} => {
                 tracing::info!("driving begins");
-                // Nobody is moved by what was wanted last time.
+                // The last driver's jog or puppet must not move anything.
                 self.set_driven(None, None);
                 return Ok((Some(Reply::Driving(true)), Task::Drive));
             }
@@ -440,8 +438,7 @@ impl Server {
             }
             Request::Picture {} | Request::Landmarks {} => {
                 let size = (request == Request::Picture {}).then_some(USUAL_SIZE);
-                picture_of(self.peers.pictures.clone(), size)
-                    .ok_or("too many pictures are asked for: try again when the camera shows some")?
+                picture_of(self.peers.pictures.clone(), size)?
             }
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
@@ -497,7 +494,7 @@ impl Server {
         Ok(driver.has_waited(DRIVE_PATIENCE).then(|| "no line has come for 400 ms".to_owned()))
     }
 
-    /// Gives the links what one who drives wants, for as long as one who drives may be silent.
+    /// Gives the links what the driver wants, until [`DRIVE_PATIENCE`] has passed without another line.
     fn turn(&mut self, drive: Drive) -> Result<(), String> {
         match drive {
             Drive::Alive {} => {}
@@ -587,7 +584,7 @@ impl Server {
     /// Goes on with a calibration. Returns what the client is told at its end.
     fn calibrate(&mut self, client: &mut Client, name: &WearerName, stage: &mut Stage) -> io::Result<Option<Reply>> {
         let next = match stage {
-            Stage::Load(guide) => come(guide).map(|guide| {
+            Stage::Load(guide) => poll_outcome(guide).map(|guide| {
                 let guiding = |guide| Stage::Guide(Box::new(Guiding::new(guide, monotonic_us())));
                 guide.flatten().map(guiding)
             }),
@@ -595,7 +592,7 @@ impl Server {
                 let keep = |calibration| Stage::Keep(self.keep(name.clone(), calibration));
                 outcome.map(keep).map_err(Refusal::end)
             }),
-            Stage::Keep(kept) => come(kept).map(|kept| kept.flatten().map(Stage::End)),
+            Stage::Keep(kept) => poll_outcome(kept).map(|kept| kept.flatten().map(Stage::End)),
             Stage::End(_) => None,
         };
         if let Some(next) = next {
@@ -635,7 +632,7 @@ impl Server {
     }
 }
 
-/// Puts a profile in use, on whatever thread.
+/// What it takes to put a profile in use, on any thread.
 struct InUse {
     hot: Arc<Mailbox<HotChange>>,
     counters: Arc<Counters>,
@@ -649,8 +646,8 @@ impl InUse {
     }
 }
 
-/// Returns what another thread has done, once it has.
-fn come<T>(outcome: &Receiver<T>) -> Option<Result<T, String>> {
+/// Returns the outcome of another thread's work, once there is one.
+fn poll_outcome<T>(outcome: &Receiver<T>) -> Option<Result<T, String>> {
     match outcome.try_recv() {
         Err(TryRecvError::Empty) => None,
         outcome => Some(outcome.map_err(|_| "it came to no end: see the log of the service".to_owned())),
@@ -658,16 +655,21 @@ fn come<T>(outcome: &Receiver<T>) -> Option<Result<T, String>> {
 }
 
 fn wait_for(reply: Receiver<Reply>) -> Task {
-    Task::Wait(Box::new(move || Some((come(&reply)?.unwrap_or_else(Reply::Refused), Vec::new()))))
+    Task::Wait(Box::new(move || Some((poll_outcome(&reply)?.unwrap_or_else(Reply::Refused), Vec::new()))))
 }
 
-/// Waits for a picture, first of at most this size, and then of the size that it has. Without a size, for the landmarks alone.
-fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Option<Task> {
-    let mut copied = pictures.ask(size.unwrap_or_default())?;
-    Some(Task::Wait(Box::new(move || {
+/// Waits for a picture of at most this size; if it is larger, for one of the size that it has. Without a size, waits for
+/// the landmarks alone.
+fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Result<Task, &'static str> {
+    let ask = move |size| pictures.ask(size).ok_or(TOO_MANY_PICTURES);
+    let mut copied = ask(size.unwrap_or_default())?;
+    Ok(Task::Wait(Box::new(move || {
         let copy = copied.try_recv().ok()?;
         if copy.bytes.is_empty() && size.is_some() {
-            copied = pictures.ask(copy.size)?;
+            match ask(copy.size) {
+                Ok(larger) => copied = larger,
+                Err(why) => return Some((Reply::Refused(why.to_owned()), Vec::new())),
+            }
             return None;
         }
         let points = |landmarks: Landmarks| landmarks.0.iter().map(|[x, y, _]| [*x, *y]).collect();
@@ -678,8 +680,8 @@ fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Option<Task> {
     })))
 }
 
-/// Tells whether programs at the control socket may see what the camera sees.
-fn tell_console(settings: &ConsoleSettings) {
+/// Warns if programs at the control socket may see what the camera sees.
+fn warn_of_picture(settings: &ConsoleSettings) {
     if settings.picture {
         tracing::warn!("programs at the control socket may ask for the camera's picture: console.picture is true");
     }
@@ -760,7 +762,7 @@ impl Guiding {
 
 struct Recording {
     sent_us: u64,
-    /// The time of the last entry, when it was made, and whether it was a frame.
+    /// Of the last entry: its time on the clock of the frames, when it was made, and whether it was a frame.
     last: Option<(u64, u64, bool)>,
     /// Frames that the client did not take in time, and all that were lost, as the client was told.
     refused: u64,

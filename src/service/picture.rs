@@ -1,8 +1,6 @@
 //! The camera's picture for a program at the control socket: the hot loop copies the next one that is asked for, after its
 //! result is on its way, into memory that the control thread has taken for it.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::capture::Frame;
@@ -26,12 +24,12 @@ pub(super) struct Snapshot {
 
 /// Who asks for pictures, and who copies them.
 #[derive(Clone)]
-pub(super) struct Asker(Arc<AtomicBool>, SyncSender<Snapshot>);
-pub(super) struct Copier(Arc<AtomicBool>, Receiver<Snapshot>);
+pub(super) struct Asker(SyncSender<Snapshot>);
+pub(super) struct Copier(Receiver<Snapshot>);
 
 pub(super) fn channel() -> (Asker, Copier) {
-    let ((asked, asks), is_asked) = (sync_channel(WAITING), Arc::<AtomicBool>::default());
-    (Asker(Arc::clone(&is_asked), asked), Copier(is_asked, asks))
+    let (asked, asks) = sync_channel(WAITING);
+    (Asker(asked), Copier(asks))
 }
 
 impl Asker {
@@ -40,8 +38,7 @@ impl Asker {
         let (back, copied) = sync_channel(1);
         let bytes = Vec::with_capacity(most_bytes(width, height));
         let (format, size, full_range, time_us, landmarks) = (PictureFormat::Grey, [0; 2], false, 0, None);
-        self.1.try_send(Snapshot { format, size, full_range, time_us, landmarks, bytes, back }).ok()?;
-        self.0.store(true, Relaxed);
+        self.0.try_send(Snapshot { format, size, full_range, time_us, landmarks, bytes, back }).ok()?;
         Some(copied)
     }
 }
@@ -49,12 +46,8 @@ impl Asker {
 impl Copier {
     /// Copies a picture if one is asked for. Neither allocates nor waits.
     pub(super) fn copy(&self, frame: &Frame, landmarks: Option<&Landmarks>) {
-        if !self.0.load(Relaxed) {
-            return;
-        }
-        let (Some(picture), Ok(mut copy)) = (frame.picture(), self.1.try_recv()) else {
-            return self.0.store(false, Relaxed);
-        };
+        let Some(picture) = frame.picture() else { return };
+        let Ok(mut copy) = self.0.try_recv() else { return };
         let Picture { width, height, full_range, .. } = *picture;
         (copy.size, copy.full_range, copy.time_us) = ([width, height], full_range, frame.captured_us);
         copy.landmarks = landmarks.cloned();
@@ -70,7 +63,7 @@ fn most_bytes(width: usize, height: usize) -> usize {
     2 * (width + 1) * (height + 1)
 }
 
-/// Appends the rows of the picture. Returns their format: planar pictures become NV12.
+/// Appends the rows of the picture. Returns their format: planar pictures become NV12, and RGB becomes grey.
 fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
     let (width, height) = (picture.width, picture.height);
     let [half_width, half_height] = [width, height].map(|side| side.div_ceil(2));
@@ -83,8 +76,12 @@ fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
             rows(data, stride, 4 * half_width, height);
             PictureFormat::Yuyv
         }
-        // No camera gives these.
-        Pixels::Packed { .. } => PictureFormat::Grey,
+        // Green is close to luma.
+        Pixels::Packed { data, stride, step, rgb: [_, green, _] } => {
+            let rows = data.chunks(stride).take(height);
+            bytes.extend(rows.flat_map(|row| row.iter().skip(green).step_by(step).take(width)));
+            PictureFormat::Grey
+        }
         Pixels::Grey { data, stride } => {
             rows(data, stride, width, height);
             PictureFormat::Grey
@@ -125,6 +122,9 @@ mod tests {
             (copy.format, copy.bytes.len(), copy.time_us),
             (PictureFormat::Nv12, 640 * 480 * 3 / 2, frame.captured_us)
         );
+        let (face, waits) = (Content::Face { face: None, size_px: [0.0; 2] }, asker.ask([640, 480]).unwrap());
+        [Frame { content: face, ..frame }, frame].iter().for_each(|frame| copier.copy(frame, None));
+        assert!(waits.try_recv().is_ok(), "a frame without a picture leaves the request for the next one");
         let _waiting: Vec<_> = (0..WAITING).map(|_| asker.ask([6, 4]).unwrap()).collect();
         assert!(asker.ask([6, 4]).is_none());
     }
@@ -133,9 +133,11 @@ mod tests {
     fn rows_of_every_format_are_copied_without_their_gaps_and_with_the_chroma_of_every_second_pixel() {
         let data: Vec<u8> = (0..64).collect();
         let planes = [&data[..], &data[32..], &data[48..]];
+        let packed = Pixels::Packed { data: &data, stride: 10, step: 3, rgb: [2, 1, 0] };
         let planar = |chroma_shift| Pixels::Planar { planes, strides: [4, 4], chroma_shift };
         for (pixels, want) in [
             (Pixels::Grey { data: &data, stride: 4 }, (PictureFormat::Grey, vec![0, 1, 2, 4, 5, 6])),
+            (packed, (PictureFormat::Grey, vec![1, 4, 7, 11, 14, 17])),
             (Pixels::Yuyv { data: &data, stride: 10 }, (PictureFormat::Yuyv, (0..8).chain(10..18).collect())),
             (
                 Pixels::Nv12 { luma: &data, chroma: &data[32..], stride: 5 },

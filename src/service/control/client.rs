@@ -9,7 +9,7 @@ use facewire_packet::control::Reply;
 use serde::de::DeserializeOwned;
 
 pub(super) const MAX_LINE: usize = 256;
-/// Longest line of one who drives. All coefficients by their names take half of it.
+/// Longest line of a client that drives. All coefficients by their names take half of it.
 pub(super) const MAX_DRIVE_LINE: usize = 4096;
 /// Time in which a client must ask, and in which it must take the answer.
 const ASK_PATIENCE: Duration = Duration::from_secs(2);

@@ -513,6 +513,11 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
         rig.server.serve();
     }
     assert!(shown == data && rig.server.clients.is_empty());
+    let mut late = rig.ask(Request::Picture {});
+    rig.copier.copy(&frame, None);
+    let _others = [(); 4].map(|()| rig.server.peers.pictures.ask([6, 4]).unwrap());
+    rig.server.serve();
+    assert!(matches!(late.next(), Some(Reply::Refused(_))), "others took the place for the picture in its size");
 }
 
 #[test]

@@ -23,9 +23,9 @@ const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimat
 
 /// Longest time to load networks or a model, to open or close a camera, or to pause before the next attempt, microseconds.
 /// The kernel gives up each control call to a USB camera after 5 s, and the first frame may take another 5 s.
-pub(super) const OPEN_US: u64 = 30_000_000;
+pub(super) const OPEN_PATIENCE_US: u64 = 30_000_000;
 /// Longest time to work on one frame, microseconds. Emulated and swapping machines have taken 2 s.
-pub(super) const WORK_US: u64 = 10_000_000;
+pub(super) const WORK_PATIENCE_US: u64 = 10_000_000;
 /// A frame may take two stall timeouts: one to arrive, and one more for a newer frame if it waited in a buffer for long.
 const STALL_TIMEOUTS_PER_FRAME: u64 = 2;
 /// Time added to the stall timeouts, microseconds: half a second for frames that a step leaves out, and half a second to spare.
@@ -77,7 +77,7 @@ pub(super) struct Counters {
     pub(super) has_smaller_mode: AtomicBool,
     /// The neutral face from which coefficients are measured, as an index into [`NEUTRAL_FACES`].
     neutral_face: AtomicUsize,
-    /// Bits of the share of the estimated face, which is 0 with a calibrated one.
+    /// The bits of an `f32`: the share of the estimated face in the neutral one, which is 0 with a calibrated one.
     neutral_share: AtomicU32,
     neutral_forgotten: AtomicU64,
     pub(super) times: Times,
@@ -124,10 +124,11 @@ fn count(key: &str, count: &AtomicU64) -> Values {
     counts([(key, "", count)])
 }
 
-fn flag(text: &str, is_set: bool) -> Values {
+fn indicator(text: &str, is_set: bool) -> Values {
     (text.to_owned(), vec![("", f64::from(u8::from(is_set)))])
 }
 
+/// A sample for each name: 1 if it holds, which is asked by its index, else 0. The status line names those that hold.
 fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(usize) -> bool) -> Values {
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
     let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();
@@ -213,7 +214,7 @@ impl Counters {
                 = count("deadline_misses", &self.deadline_misses);
             counter "frames_damaged" "" "Frames damaged by camera or cable." = count("damaged", &self.damaged);
             counter "cameras_opened" "" "Number of times that a camera was opened." = count("cameras_opened", &self.opened);
-            gauge "camera_open" "" "1 if a camera is open, else 0." = flag("", self.camera_open.load(Relaxed));
+            gauge "camera_open" "" "1 if a camera is open, else 0." = indicator("", self.camera_open.load(Relaxed));
             counter "packets" "" "Packets that all links were given to send." = count("packets", packets);
             counter "link_packets" "result" "Packets sent and dropped, summed over all links."
                 = counts([("sent", "sent", sent), ("dropped", "dropped", dropped)]);
@@ -231,7 +232,7 @@ impl Counters {
                 = present("step_by", Cause::NAMES, |at| at + 1 == step_cause);
             counter "step_changes" "" "How often the step has changed." = count("step_changes", &self.step_changes);
             gauge "small_picture" "" "1 if the camera is opened with half the width and height, else 0."
-                = flag(if is_small { "picture=small" } else { "picture=full" }, is_small);
+                = indicator(if is_small { "picture=small" } else { "picture=full" }, is_small);
             gauge "neutral_face" "from" "1 for the neutral face that coefficients are measured from, 0 for the others."
                 = present("neutral", NEUTRAL_FACES.map(NeutralFace::name), |at| at == neutral);
             gauge "neutral_share" "" "Share of the estimated face in the neutral face, from 0 to 1; 0 with a calibrated one."
@@ -250,7 +251,7 @@ impl Counters {
 }
 
 /// Longest time to wait for a frame of a camera with this stall timeout, microseconds.
-pub(super) fn wait_us(stall_timeout_ms: u32) -> u64 {
+pub(super) fn frame_patience_us(stall_timeout_ms: u32) -> u64 {
     u64::from(stall_timeout_ms) * 1000 * STALL_TIMEOUTS_PER_FRAME + GRACE_US
 }
 
@@ -265,11 +266,11 @@ pub(super) struct Heartbeats {
 }
 
 impl Heartbeats {
-    pub(super) fn hot(&self, patience_us: u64, now_us: u64) {
+    pub(super) fn beat_hot(&self, now_us: u64, patience_us: u64) {
         self.hot_deadline_us.store(now_us + patience_us, Relaxed);
     }
 
-    pub(super) fn sender(&self, now_us: u64) {
+    pub(super) fn beat_sender(&self, now_us: u64) {
         self.sender_deadline_us.store(now_us + SENDER_PATIENCE_US, Relaxed);
     }
 
@@ -286,11 +287,12 @@ mod tests {
 
     #[test]
     fn each_phase_is_stuck_after_its_own_time() {
-        for (patience_us, expected_s) in [(WORK_US, 10), (OPEN_US, 30), (wait_us(1000), 3), (wait_us(60_000), 121)] {
+        let [second, minute] = [1000, 60_000].map(frame_patience_us);
+        for (patience_us, expected_s) in [(WORK_PATIENCE_US, 10), (OPEN_PATIENCE_US, 30), (second, 3), (minute, 121)] {
             let heartbeats = Heartbeats::default();
-            heartbeats.hot(patience_us, 100 * S);
+            heartbeats.beat_hot(100 * S, patience_us);
             let alive_s = (100..400).take_while(|at_s| {
-                heartbeats.sender(at_s * S);
+                heartbeats.beat_sender(at_s * S);
                 heartbeats.are_alive(at_s * S)
             });
             assert_eq!(alive_s.count(), expected_s, "{patience_us}");
@@ -300,8 +302,8 @@ mod tests {
     #[test]
     fn a_sender_that_stops_going_round_is_noticed_after_5_s() {
         let heartbeats = Heartbeats::default();
-        heartbeats.hot(OPEN_US, 100 * S);
-        heartbeats.sender(100 * S);
+        heartbeats.beat_hot(100 * S, OPEN_PATIENCE_US);
+        heartbeats.beat_sender(100 * S);
         assert!(heartbeats.are_alive(105 * S - 1) && !heartbeats.are_alive(105 * S));
     }
 }

@@ -13,7 +13,7 @@ use triple_buffer::Input;
 
 use super::adaptation::Load;
 use super::camera::{self, OpenCamera};
-use super::counters::{Counters, OPEN_US, WORK_US, wait_us};
+use super::counters::{Counters, OPEN_PATIENCE_US, WORK_PATIENCE_US, frame_patience_us};
 use super::failsafe::News;
 use super::observer::Observer;
 use super::picture::Copier;
@@ -37,8 +37,9 @@ const FAILURES_BEFORE_REMEDY: u32 = 8;
 /// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
 const GOOD_RUNS_BEFORE_TRUST: u32 = 300;
 
+/// Where the hot loop leaves its results for the other threads.
 pub(super) struct Outlets {
-    pub(super) news: Input<News>,
+    pub(super) newest: Input<News>,
     pub(super) wake: Thread,
     pub(super) loads: Input<Option<Load>>,
     pub(super) events: mpsc::Sender<Event>,
@@ -129,7 +130,7 @@ impl HotLoop {
     pub(super) fn run(mut self) -> Result<(), ServiceError> {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
-            self.enter(OPEN_US);
+            self.enter(OPEN_PATIENCE_US);
             self.adopt();
             let outcome = self.attempt();
             let lasted = self.opened_us.take().map(|opened_us| between(opened_us, monotonic_us()));
@@ -142,7 +143,7 @@ impl HotLoop {
                 Err(error) if lasted.is_none() => self.tell(Event::Blind("no camera", error.to_string())),
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
             }
-            self.enter(OPEN_US);
+            self.enter(OPEN_PATIENCE_US);
             let wait = camera::wait_after(lasted.unwrap_or_default(), &mut back_off);
             if !self.counters.stopping() {
                 thread::park_timeout(wait);
@@ -158,12 +159,12 @@ impl HotLoop {
             let loaded = self.loader.load(move || Pipeline::load(&settings, true))?;
             self.pipeline.insert(loaded?).solver.profile = self.profile.clone();
         }
-        self.enter(OPEN_US);
+        self.enter(OPEN_PATIENCE_US);
         let is_small = self.counters.small_picture.load(Relaxed);
         let mut camera = OpenCamera::begin(&self.settings.camera, is_small)?;
-        let outcome = self.show(&mut camera, is_small);
+        let outcome = self.use_camera(&mut camera, is_small);
         // Closing the camera may block in the kernel, too.
-        self.enter(OPEN_US);
+        self.enter(OPEN_PATIENCE_US);
         self.counters.camera_open.store(false, Relaxed);
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
@@ -172,14 +173,15 @@ impl HotLoop {
         outcome
     }
 
-    fn show(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), ServiceError> {
+    /// Waits for a first picture, then runs frames.
+    fn use_camera(&mut self, camera: &mut OpenCamera, is_small: bool) -> Result<(), ServiceError> {
         self.enter_wait();
         let outcome = camera.await_picture(|| {
             self.enter_wait();
             add(&self.counters.damaged, 1);
         });
         let source = &mut *camera.source;
-        self.account(source);
+        self.take_tally(source);
         outcome?;
         add(&self.counters.opened, 1);
         self.counters.has_smaller_mode.store(source.has_smaller_mode(), Relaxed);
@@ -197,7 +199,7 @@ impl HotLoop {
         while !self.counters.stopping() && !self.adopt() && self.counters.small_picture.load(Relaxed) == is_small {
             self.enter_wait();
             let step = self.counters.step();
-            self.timing.take(step);
+            self.timing.set_step(step);
             camera.source.leave_out_until(self.timing.wanted_us());
             if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
                 tracker.set_turns(step.has_turns());
@@ -210,7 +212,7 @@ impl HotLoop {
                 }
                 Err(error) => Err(error.into()),
             };
-            self.account(&mut *camera.source);
+            self.take_tally(&mut *camera.source);
             self.watch.deliveries(&mut *camera.source);
             self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
             outcome?;
@@ -218,7 +220,7 @@ impl HotLoop {
         Ok(())
     }
 
-    fn account(&mut self, source: &mut dyn Source) {
+    fn take_tally(&mut self, source: &mut dyn Source) {
         let tally = source.take_tally();
         add(&self.counters.skipped, tally.for_newer.into());
         add(&self.counters.left_out, tally.left_out.into());
@@ -229,7 +231,7 @@ impl HotLoop {
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), ServiceError> {
-        let begun_us = self.enter(WORK_US);
+        let begun_us = self.enter(WORK_PATIENCE_US);
         let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, .. } = self else { return Ok(()) };
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
@@ -264,7 +266,7 @@ impl HotLoop {
     }
 
     fn reload_engine(&mut self, error: InferError) -> Result<(), ServiceError> {
-        self.enter(OPEN_US);
+        self.enter(OPEN_PATIENCE_US);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
         self.pipeline.iter_mut().for_each(|pipeline| pipeline.tracker = None);
@@ -304,14 +306,15 @@ impl HotLoop {
         is_new_camera
     }
 
+    /// Begins a phase that takes no longer than `patience_us` unless the loop is stuck. Returns the present time.
     fn enter(&self, patience_us: u64) -> u64 {
         let now_us = monotonic_us();
-        self.counters.heartbeats.hot(patience_us, now_us);
+        self.counters.heartbeats.beat_hot(now_us, patience_us);
         now_us
     }
 
     fn enter_wait(&self) {
-        self.enter(wait_us(self.settings.camera.stall_timeout_ms));
+        self.enter(frame_patience_us(self.settings.camera.stall_timeout_ms));
     }
 
     /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.
@@ -322,7 +325,7 @@ impl HotLoop {
 
 impl Outlets {
     fn report(&mut self, news: News) {
-        self.news.write(news);
+        self.newest.write(news);
         self.wake.unpark();
     }
 }
@@ -378,11 +381,11 @@ mod tests {
 
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
-        let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
+        let ((newest, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
         let (observer, recorder) = (observer::channel().0, observer::channel().0);
         let loads = triple_buffer::triple_buffer(&None).0;
         let copier = picture::channel().1;
-        let outlets = Outlets { news, wake: thread::current(), loads, events, observer, recorder, copier };
+        let outlets = Outlets { newest, wake: thread::current(), loads, events, observer, recorder, copier };
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
         let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());

@@ -72,9 +72,8 @@ fn limits_ns() -> impl Iterator<Item = u64> {
 /// Renders everything with its present values. Writing to a string cannot fail.
 pub(super) fn page(counters: &Counters) -> String {
     let mut page = String::new();
-    let version = env!("CARGO_PKG_VERSION");
     head(&mut page, "build", "info", "Version of facewire.");
-    let _ = writeln!(page, "facewire_build_info{{version=\"{version}\"}} 1");
+    let _ = writeln!(page, "facewire_build_info{{version=\"{}\"}} 1", env!("CARGO_PKG_VERSION"));
     for row in counters.rows() {
         head(&mut page, row.metric, row.kind, row.help);
         let total = if row.kind == "counter" { "_total" } else { "" };

@@ -39,7 +39,7 @@ pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
 use self::control::{Peers, Server, was_released};
-use self::counters::{Counters, OPEN_US};
+use self::counters::{Counters, OPEN_PATIENCE_US};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
@@ -65,7 +65,7 @@ pub enum ServiceError {
     Setup(#[from] SetupError),
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A camera failed in a way that only another process can recover from.
+    /// After most of these the hot loop tries again. [`run`] returns those after which only another process can.
     #[error(transparent)]
     Camera(#[from] CaptureError),
     #[error(
@@ -82,8 +82,8 @@ pub enum ServiceError {
 pub fn run(
     settings: Settings,
     config: Option<String>,
-    reread: LoadSettings,
-    set_log_level: Box<dyn Fn(LevelFilter)>,
+    load_settings: LoadSettings,
+    set_level: Box<dyn Fn(LevelFilter)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
@@ -100,28 +100,28 @@ pub fn run(
     };
     let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
     let ((loads, load), (puppet, played)) = (triple_buffer(&None), triple_buffer(&None));
-    let (events, heard) = mpsc::channel();
-    counters.heartbeats.hot(OPEN_US, monotonic_us());
-    counters.heartbeats.sender(monotonic_us());
-
-    let ((shown, watched), shared) = (observer::channel(), Arc::clone(&counters));
-    let run_sender = |changes| Sender { links, changes, news, puppet: played, watched: shown, counters: shared }.run();
-    let (sender_thread, sender) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
-
     let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-    let ((pictures, copier), wake) = (picture::channel(), sender_thread.thread().clone());
-    let outlets = Outlets { news: newest, wake, loads, events: events.clone(), observer, recorder, copier };
-    let profile = profile_of(&settings, &counters);
-    let (live, shared) = (settings.clone(), Arc::clone(&counters));
-    let for_hot = loader.clone();
-    let run_hot = |changes| HotLoop::new(live, pipeline, profile, outlets, changes, shared, for_hot).run();
-    let (hot_thread, hot) = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, run_hot)?;
-    let hot = Arc::new(hot);
+    let ((shown, watched), (pictures, copier)) = (observer::channel(), picture::channel());
+    let ((events, heard), (reload, asked)) = (mpsc::channel(), mpsc::channel());
+    let ((to_sender, new_links), (to_hot, hot_changes)) = (mpsc::channel(), mpsc::channel());
+    let (control, changes) = mpsc::channel();
+    let shared = || Arc::clone(&counters);
+    counters.heartbeats.beat_hot(monotonic_us(), OPEN_PATIENCE_US);
+    counters.heartbeats.beat_sender(monotonic_us());
 
-    let ((control, changes), (reload, asked)) = (mpsc::channel(), mpsc::channel());
+    let sender = Sender { links, changes: new_links, news, puppet: played, shown, counters: shared() };
+    let sender_thread = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, || sender.run())?;
+    let sender = Mailbox { changes: to_sender, thread: sender_thread.thread().clone() };
+
+    let outlets =
+        Outlets { newest, wake: sender.thread.clone(), loads, events: events.clone(), observer, recorder, copier };
+    let profile = profile_of(&settings, &counters);
+    let hot = HotLoop::new(settings.clone(), pipeline, profile, outlets, hot_changes, shared(), loader.clone());
+    let hot_thread = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
+    let hot = Arc::new(Mailbox { changes: to_hot, thread: hot_thread.thread().clone() });
+
     let peers = {
-        let (hot, sender) = (Arc::clone(&hot), sender_thread.thread().clone());
-        let (loader, counters) = (loader.clone(), Arc::clone(&counters));
+        let (hot, sender, loader, counters) = (Arc::clone(&hot), sender.thread.clone(), loader.clone(), shared());
         Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters }
     };
     let server = Server::new(socket(), settings.clone(), config, peers);
@@ -130,13 +130,12 @@ pub fn run(
     if let Err(error) = &control_thread {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
-    let (live, preparing, askers) = (settings, None, Vec::new());
     let reloader = {
-        let counters = Arc::clone(&counters);
-        Reloader { live, reread, set_log_level, hot, sender, control, counters, loader, preparing, asked, askers }
+        let (live, change, askers, counters) = (settings, None, Vec::new(), shared());
+        Reloader { live, load_settings, set_level, hot, sender, control, counters, loader, change, asked, askers }
     };
-    let (shared, adaptation, log) = (Arc::clone(&counters), Adaptation::default(), Log::default());
-    let mut supervisor = Supervisor { counters: shared, events: heard, load, reloader, adaptation, log };
+    let (adaptation, log) = (Adaptation::default(), Log::default());
+    let mut supervisor = Supervisor { counters: shared(), events: heard, load, reloader, adaptation, log };
     supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender_thread, hot_thread);
@@ -170,22 +169,20 @@ fn profile_of(settings: &Settings, counters: &Counters) -> Profile {
 /// ONNX Runtime needs the most.
 const STACK_BYTES: usize = 1 << 20;
 
-/// Starts a thread, which first makes its real-time requests. Also returns the mailbox in which it finds changes.
-fn spawn<T: Send + 'static, Change: Send + 'static>(
+/// Starts a thread, which first makes its real-time requests.
+fn spawn<T: Send + 'static>(
     name: &str,
     scheduling: Scheduling,
     events: &mpsc::Sender<Event>,
-    run: impl FnOnce(mpsc::Receiver<Change>) -> T + Send + 'static,
-) -> io::Result<(JoinHandle<T>, Mailbox<Change>)> {
-    let (events, (changes, found)) = (events.clone(), mpsc::channel());
-    let thread = Builder::new().name(name.to_owned()).stack_size(STACK_BYTES).spawn(move || {
+    run: impl FnOnce() -> T + Send + 'static,
+) -> io::Result<JoinHandle<T>> {
+    let events = events.clone();
+    Builder::new().name(name.to_owned()).stack_size(STACK_BYTES).spawn(move || {
         // The supervisor does not end before this thread.
         let _ = events.send(Event::Started(scheduling.apply()));
         drop(events);
-        run(found)
-    })?;
-    let mailbox = Mailbox { changes, thread: thread.thread().clone() };
-    Ok((thread, mailbox))
+        run()
+    })
 }
 
 /// The thread that loads networks, models and profiles, which may take seconds. It is one for all of them because the C
@@ -206,7 +203,7 @@ impl Loader {
         self.begin(job).recv().map_err(|_| ServiceError::Panicked("loader"))
     }
 
-    /// Begins a job. Its result never comes if it panics.
+    /// Begins a job. If it panics, the receiver is disconnected.
     pub(super) fn begin<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> mpsc::Receiver<T> {
         let (done, result) = mpsc::channel();
         // Nobody waits for the result any more if the service ends meanwhile.

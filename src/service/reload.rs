@@ -32,8 +32,8 @@ pub(super) struct Change {
 impl Change {
     /// Builds the parts that differ from the current ones. The files of the model and of the wearer in use are read again
     /// even if their names stay, because they may have changed; the hot loop compares them.
-    fn prepare(reread: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
-        let new = reread()?;
+    fn prepare(load_settings: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
+        let new = load_settings()?;
         let is_same_model = new.solver.model == live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
         let keeps_model = is_same_model && new.solver.model.is_empty();
@@ -82,15 +82,16 @@ impl<T> Mailbox<T> {
 
 pub(super) struct Reloader {
     pub(super) live: Settings,
-    pub(super) reread: LoadSettings,
-    pub(super) set_log_level: Box<dyn Fn(LevelFilter)>,
+    pub(super) load_settings: LoadSettings,
+    pub(super) set_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<Links>,
     /// The control thread takes the settings, and the hash of a model that was read, from here within a second.
     pub(super) control: mpsc::Sender<(Settings, Option<u32>)>,
     pub(super) counters: Arc<Counters>,
     pub(super) loader: Loader,
-    pub(super) preparing: Option<Receiver<Outcome<Change>>>,
+    /// The change that the loader prepares.
+    pub(super) change: Option<Receiver<Outcome<Change>>>,
     /// Who asks for a reload, and who waits for the end of this one.
     pub(super) asked: Receiver<mpsc::Sender<Reply>>,
     pub(super) askers: Vec<mpsc::Sender<Reply>>,
@@ -99,17 +100,17 @@ pub(super) struct Reloader {
 impl Reloader {
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (load, live, counters) = (Arc::clone(&self.reread), self.live.clone(), Arc::clone(&self.counters));
-        self.preparing = Some(self.loader.begin(move || Change::prepare(&load, &live, &counters)));
+        let (load, live, counters) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.counters));
+        self.change = Some(self.loader.begin(move || Change::prepare(&load, &live, &counters)));
     }
 
     /// Hands out the prepared change once it is ready. Returns whether it did.
     pub(super) fn step(&mut self) -> bool {
-        let prepared = match self.preparing.as_ref().map(Receiver::try_recv) {
+        let prepared = match self.change.as_ref().map(Receiver::try_recv) {
             None | Some(Err(TryRecvError::Empty)) => return false,
             Some(prepared) => prepared,
         };
-        self.preparing = None;
+        self.change = None;
         let refusal = match prepared {
             Ok(Ok(change)) => {
                 let done = self.hand_out(change);
@@ -140,15 +141,14 @@ impl Reloader {
             changed => format!("settings changed: {}", changed.join(", ")),
         };
         tracing::info!("{done}");
-        let waits = settings.realtime != self.live.realtime;
-        let realtime =
-            waits.then_some("[realtime] takes effect at the next start: restart the service to change it now");
-        for warning in warning.as_deref().into_iter().chain(realtime) {
+        let late = "[realtime] takes effect at the next start: restart the service to change it now";
+        let late = (settings.realtime != self.live.realtime).then_some(late);
+        for warning in warning.as_deref().into_iter().chain(late) {
             tracing::warn!("{warning}");
             done += &format!("\n{warning}");
         }
         settings.realtime = self.live.realtime.clone();
-        (self.set_log_level)(settings.log.level);
+        (self.set_level)(settings.log.level);
         self.live = settings;
         let model = hot.model.as_ref().map(model_hash);
         self.hot.send(hot);
@@ -177,14 +177,14 @@ mod tests {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
-        let (sender, reread) = (Mailbox { changes: sender, thread }, fixed(toml));
-        let (set_log_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
-        let (counters, preparing, (asker, answer)) = (Arc::default(), None, mpsc::channel());
+        let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
+        let (set_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
+        let (counters, change, (asker, answer)) = (Arc::default(), None, mpsc::channel());
         let (asked, askers) = (mpsc::channel().1, vec![asker]);
         let mut reloader =
-            Reloader { live, reread, set_log_level, hot, sender, control, counters, loader, preparing, asked, askers };
+            Reloader { live, load_settings, set_level, hot, sender, control, counters, loader, change, asked, askers };
         reloader.start();
-        while reloader.preparing.is_some() {
+        while reloader.change.is_some() {
             reloader.step();
             std::thread::yield_now();
         }

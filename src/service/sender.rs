@@ -41,8 +41,8 @@ pub(super) struct Sender {
     pub(super) news: Newest<News>,
     /// The face that an operator wants in place of the wearer's, as long as the operator drives.
     pub(super) puppet: Newest<Option<Pose>>,
-    /// What the links are offered.
-    pub(super) watched: Observer<Packet>,
+    /// Shows watchers what the links are offered.
+    pub(super) shown: Observer<Packet>,
     pub(super) counters: Arc<Counters>,
 }
 
@@ -51,7 +51,7 @@ impl Sender {
     pub(super) fn run(mut self) {
         let mut history = History::default();
         while !self.counters.stop_sending.load(Relaxed) {
-            self.counters.heartbeats.sender(monotonic_us());
+            self.counters.heartbeats.beat_sender(monotonic_us());
             while let Ok(change) = self.changes.try_recv() {
                 let old = std::mem::replace(&mut self.links, change);
                 self.links.take_over(old, &history.last());
@@ -109,7 +109,7 @@ impl Sender {
         let wait_us = self.links.offer(monotonic_us(), output);
         self.counters.traffic.operator.told_released.store(is_released, Relaxed);
         self.counters.links_open.store(self.links.each().filter(|(_, link)| link.is_open()).count() as u64, Relaxed);
-        self.watched.publish(|| packet(output, 0));
+        self.shown.publish(|| packet(output, 0));
         wait_us
     }
 }
@@ -196,8 +196,8 @@ pub fn replay<E: From<ServiceError>>(
     counters.catch_signals().map_err(ServiceError::from)?;
     let links = Links::change(settings, Vec::new(), &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-    let (changes, watched, puppet) = (mpsc::channel().1, observer::channel().0, triple_buffer::triple_buffer(&None).1);
-    let sender = Sender { links, changes, news, puppet, watched, counters: Arc::clone(&counters) };
+    let (changes, shown, puppet) = (mpsc::channel().1, observer::channel().0, triple_buffer::triple_buffer(&None).1);
+    let sender = Sender { links, changes, news, puppet, shown, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
     let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
@@ -295,7 +295,7 @@ mod tests {
         let (_stuck, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
         let ((mut played, puppet), (reload, changes)) = (triple_buffer::triple_buffer(&None), mpsc::channel());
         let (shown, mut watched) = observer::channel();
-        let mut sender = Sender { links, changes, news, puppet, watched: shown, counters: Arc::clone(&counters) };
+        let mut sender = Sender { links, changes, news, puppet, shown, counters: Arc::clone(&counters) };
         let mut history = History::default();
         for is_released in [true, false].into_iter().cycle().take(21) {
             operator.is_released.store(is_released, Relaxed);

@@ -69,12 +69,13 @@ impl Supervisor {
     /// Waits up to one [`TICK`] for an event.
     fn receive(&mut self) {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
-        let (has_grown, before) = (matches!(event, Event::Opened(_) | Event::EngineReloaded), self.log.camera.clone());
+        let takes_memory = matches!(event, Event::Opened(_) | Event::EngineReloaded);
+        let before = self.log.camera.clone();
         self.log.event(event);
         if self.log.camera != before {
             notify(NotifyState::Status(&self.log.camera));
         }
-        if has_grown {
+        if takes_memory {
             self.lock_memory();
         }
     }
@@ -84,7 +85,7 @@ impl Supervisor {
     }
 
     fn reload(&mut self) {
-        if self.reloader.preparing.is_none() {
+        if self.reloader.change.is_none() {
             self.reloader.askers.extend(self.reloader.asked.try_iter());
             if self.counters.wants_reload.swap(false, Relaxed) || !self.reloader.askers.is_empty() {
                 self.reloader.start();
@@ -229,9 +230,7 @@ impl Log {
                 ms(load.decoding),
                 ms(load.busy)
             ),
-            None => {
-                tracing::info!("full picture: the camera is opened with the width and height of the settings again")
-            }
+            None => tracing::info!("full picture: the camera is opened with the size of the settings again"),
         }
     }
 

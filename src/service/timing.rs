@@ -165,11 +165,11 @@ impl FrameTiming {
         self.camera_period = Duration::from_micros(camera.frame_period_us().unwrap_or(asked.period_us()));
         self.last_captured_us = None;
         self.recent = HistoryBuf::new();
-        self.take(self.step);
+        self.set_step(self.step);
     }
 
-    /// Takes a step. The failsafe is as patient as the new step wants at once.
-    pub(super) fn take(&mut self, step: Step) {
+    /// Sets the step. The failsafe becomes as patient as the step needs at once.
+    pub(super) fn set_step(&mut self, step: Step) {
         if step != self.step || self.last_captured_us.is_none() {
             self.step = step;
             self.counters.frame_period_us.store(micros(step.period(self.camera_period)), Relaxed);
@@ -268,7 +268,7 @@ mod tests {
         let mut timing = timing();
         timing.captured(1_000_000);
         assert_eq!(timing.wanted_us(), 0, "every frame");
-        timing.take(Step::Third);
+        timing.set_step(Step::Third);
         assert!((1_076_000..1_090_000).contains(&timing.wanted_us()), "{}", timing.wanted_us());
         assert_eq!(timing.counters.frame_period_us.load(Relaxed), 99_999);
     }
@@ -284,7 +284,7 @@ mod tests {
     fn a_frame_misses_its_deadline_if_decoding_and_work_take_longer_than_the_step_allows() {
         for (step, most_ms) in [(Step::Full, 13), (Step::Half, 46)] {
             let mut timing = timing();
-            timing.take(step);
+            timing.set_step(step);
             [most_ms, most_ms + 1].iter().for_each(|decoding_ms| frame(&mut timing, *decoding_ms, 20));
             assert_eq!(timing.counters.deadline_misses.load(Relaxed), 1, "{step}");
         }

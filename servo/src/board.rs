@@ -16,7 +16,7 @@ pub struct Operator {
     pub is_released: AtomicBool,
     /// The value of `is_released` that all links were told last.
     pub told_released: AtomicBool,
-    /// Until when the last word of the one who drives holds, on the monotonic clock, microseconds.
+    /// Until when the last line of the client that drives holds, on the monotonic clock, microseconds.
     pub driven_until_us: AtomicU64,
     /// Whether that time has not come yet, as the sender sees it.
     pub is_driven: AtomicBool,
@@ -54,8 +54,8 @@ impl Dials {
     }
 }
 
-/// What is known of a channel: where it goes, and where it is by now within its limits. Its place is that in microseconds of
-/// a pulse, or in steps of a bus servo. `jog` is where an operator wants it.
+/// What is known of a channel: the position where it goes, where it is by now within its limits, and the place of that, in
+/// microseconds of a pulse or steps of a bus servo. `jog` is the position where an operator wants it.
 #[derive(Debug, Default)]
 pub struct Dial {
     pub number: u16,

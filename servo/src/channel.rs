@@ -2,7 +2,7 @@
 
 use facewire_packet::{BLENDSHAPE_COUNT, BLENDSHAPES, Reason, State, yaw_pitch_roll_deg};
 
-use crate::{Form, Limits, motion::Motion};
+use crate::{Limits, dmx::Encoding, motion::Motion};
 
 /// Angles of the head, degrees: yaw to the person's left, pitch upwards, roll to the person's right shoulder.
 const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
@@ -46,7 +46,7 @@ pub struct ChannelSettings {
     pub dead_zone: f32,
     pub loss: AtLoss,
     /// How DMX carries the pulse. Other boards ignore it.
-    pub dmx: Form,
+    pub dmx: Encoding,
 }
 
 impl Default for ChannelSettings {
@@ -64,7 +64,7 @@ impl Default for ChannelSettings {
             acceleration_per_s2: 0.0,
             dead_zone: 0.0,
             loss: AtLoss::Neutral,
-            dmx: Form::Bits8,
+            dmx: Encoding::Bits8,
         }
     }
 }

@@ -3,10 +3,11 @@
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
+use crate::ChannelSettings;
 use crate::bus::{Family, MOST_SERVOS, Unit};
+use crate::dmx::{Encoding, PULSES_US};
 use crate::maestro::{ACCELERATION_UNIT_US_PER_S2, SPEED_UNIT_US_PER_S};
 use crate::pca9685::{CHANNELS, Period};
-use crate::{ChannelSettings, Form, dmx::PULSES_US};
 
 const PULSES: [&str; 2] = ["link.channel.pulse_at_0_us", "link.channel.pulse_at_1_us"];
 const POSITIONS: [&str; 2] = ["link.channel.position_at_0", "link.channel.position_at_1"];
@@ -20,8 +21,8 @@ pub struct Capabilities {
     is_dmx: bool,
     /// Whether the ends are places of bus servos, in the unit of the settings. Otherwise they are pulses.
     is_bus: bool,
-    /// The longest pulse, or the highest place.
-    most: f32,
+    /// The longest pulse in microseconds, or the highest place in the unit of the settings.
+    highest_end: f32,
     /// Least limits of speed and acceleration that the board can keep, in the unit of its ends.
     least_limits: [f32; 2],
 }
@@ -33,31 +34,31 @@ impl Capabilities {
         channels: 1..=512,
         is_dmx: true,
         is_bus: false,
-        most: 65_535.0,
+        highest_end: 65_535.0,
         least_limits: [0.0; 2],
     };
 
     /// Maestros with 12 channels or more, which have the command for several targets, make longer pulses.
     #[must_use]
     pub fn maestro(has_multiple_targets: bool) -> Self {
-        let most = if has_multiple_targets { 4080.0 } else { 3280.0 };
+        let highest_end = if has_multiple_targets { 4080.0 } else { 3280.0 };
         let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
-        Self { name: "Maestro", channels: 0..=23, is_dmx: false, most, least_limits, ..Self::DMX }
+        Self { name: "Maestro", channels: 0..=23, is_dmx: false, highest_end, least_limits, ..Self::DMX }
     }
 
     /// A pulse of a PCA9685 ends within the period.
     #[must_use]
     pub fn pca9685(period: Period) -> Self {
-        let (most, channels) = (period.longest_pulse_us().floor(), 0..=u32::from(CHANNELS) - 1);
-        Self { name: "PCA9685", channels, is_dmx: false, most, ..Self::DMX }
+        let (highest_end, channels) = (period.longest_pulse_us().floor(), 0..=u32::from(CHANNELS) - 1);
+        Self { name: "PCA9685", channels, is_dmx: false, highest_end, ..Self::DMX }
     }
 
     /// Bus servos of a family, whose ends have this unit.
     #[must_use]
     pub fn bus_servo(family: &Family, unit: Unit) -> Self {
         let step = unit.step(family);
-        let (most, least_limits) = (f32::from(family.most_steps) * step, family.units.map(|it| it * step));
-        Self { name: family.name, channels: 0..=252, is_dmx: false, is_bus: true, most, least_limits }
+        let (highest_end, least_limits) = (f32::from(family.most_steps) * step, family.units.map(|it| it * step));
+        Self { name: family.name, channels: 0..=252, is_dmx: false, is_bus: true, highest_end, least_limits }
     }
 }
 
@@ -147,7 +148,7 @@ impl Check<'_> {
 
     fn motion(&mut self, channel: &ChannelSettings) {
         let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
-        let Capabilities { name, is_dmx, is_bus, most, least_limits: [least_speed, least_acceleration], .. } =
+        let Capabilities { name, is_dmx, is_bus, highest_end, least_limits: [least_speed, least_acceleration], .. } =
             *self.board;
         let (end, ends, why) = if is_bus {
             let ends = [channel.position_at_0, channel.position_at_1];
@@ -158,11 +159,11 @@ impl Check<'_> {
         };
         let keys = if is_bus { POSITIONS } else { PULSES };
         for (key, at) in keys.into_iter().zip(ends) {
-            self.need(at <= most, key, at, format!("at most {most:.0} for channel {number}: {why}"));
+            self.need(at <= highest_end, key, at, format!("at most {highest_end:.0} for channel {number}: {why}"));
             let [least_us, most_us] = PULSES_US;
             let values =
                 format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
-            let is_value = !is_dmx || channel.dmx == Form::Microseconds;
+            let is_value = !is_dmx || channel.dmx == Encoding::Microseconds;
             let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
             self.need(is_value || (least_us as f32..=most_us as f32).contains(&at), key, at, expected);
         }
@@ -250,7 +251,7 @@ mod tests {
         assert!(told_of_line.starts_with("link.channel = 31: give at most 30 servos on one line"), "{told_of_line}");
         let twice = "link.channel.channel = 3: give a number that no earlier channel of this board has";
         assert_eq!(told(&Capabilities::maestro(false), &[jaw(3), jaw(3)]), twice);
-        let wide = ChannelSettings { dmx: Form::Bits16, ..jaw(3) };
+        let wide = ChannelSettings { dmx: Encoding::Bits16, ..jaw(3) };
         assert_eq!(told(&Capabilities::maestro(false), &[wide, jaw(4)]), "", "the form is that of DMX alone");
         assert!(faults(&Capabilities::maestro(false), &[with(|it| it.sources.fill(0.0))], false).is_empty());
     }
@@ -259,7 +260,7 @@ mod tests {
     fn channels_of_a_universe_overlap_neither_each_other_nor_its_end_and_keep_within_its_values() {
         let form = |channel, dmx| ChannelSettings { dmx, ..jaw(channel) };
         let pulse = |pulse_at_1_us, dmx| ChannelSettings { pulse_at_1_us, ..form(1, dmx) };
-        let (one, two) = (Form::Bits8, Form::Bits16);
+        let (one, two) = (Encoding::Bits8, Encoding::Bits16);
         for (channels, want) in [
             (&[form(1, one), form(2, two), form(4, one), form(511, two)][..], ""),
             (&[jaw(0)], "link.channel.channel = 0: give 1 to 512: these are the channels of a universe"),
@@ -275,7 +276,7 @@ mod tests {
             ),
             (&[form(9, one), form(9, one)], "link.channel.channel = 9: give a number that no earlier channel"),
             (&[pulse(2100, one)], "link.channel.pulse_at_1_us = 2100: give 1000 to 2000 for channel 1: the lowest"),
-            (&[pulse(2100, Form::Microseconds)], ""),
+            (&[pulse(2100, Encoding::Microseconds)], ""),
         ] {
             let told = told(&Capabilities::DMX, channels);
             assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");

@@ -20,7 +20,7 @@ pub const PULSES_US: [u32; 2] = [1000, 2000];
 
 /// How a DMX channel represents a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum Encoding {
     /// 1 to 255.
     Bits8,
     /// 1 to 65535 at two addresses, of which the first has the upper 8 bits.
@@ -29,7 +29,7 @@ pub enum Form {
     Microseconds,
 }
 
-impl Form {
+impl Encoding {
     /// How many addresses a channel takes.
     #[must_use]
     pub fn width(self) -> u32 {
@@ -56,7 +56,7 @@ impl ChannelSettings {
 
     /// The channels of the whole face, from address 1: each coefficient, and each angle of the head from -90 to 90 degrees.
     #[must_use]
-    pub fn whole_face(dmx: Form) -> Vec<Self> {
+    pub fn whole_face(dmx: Encoding) -> Vec<Self> {
         let channel = |(index, name): (usize, &&str)| {
             let mut channel = Self { channel: 1 + index as u32 * dmx.width(), dmx, ..Self::default() };
             let (gain, offset) = if name.starts_with("head") { (1.0 / 180.0, 0.5) } else { (1.0, 0.0) };
@@ -75,9 +75,9 @@ pub struct Values {
 }
 
 impl Values {
-    /// Without channels, the universe has the [whole face](ChannelSettings::whole_face) in the form `whole_face`.
+    /// Without channels, the universe has the [whole face](ChannelSettings::whole_face) in the encoding `whole_face`.
     #[must_use]
-    pub fn new(channels: &[ChannelSettings], whole_face: Form, dials: &Arc<Dials>) -> Self {
+    pub fn new(channels: &[ChannelSettings], whole_face: Encoding, dials: &Arc<Dials>) -> Self {
         let face = if channels.is_empty() { ChannelSettings::whole_face(whole_face) } else { channels.to_vec() };
         Self { board: Board::new(&face, dials), universe: [0; 512] }
     }
@@ -103,7 +103,7 @@ mod tests {
     use std::sync::atomic::Ordering::Relaxed;
     use std::time::Duration;
 
-    fn channel(channel: u32, dmx: Form) -> ChannelSettings {
+    fn channel(channel: u32, dmx: Encoding) -> ChannelSettings {
         ChannelSettings { channel, dmx, sources: valued(&[("jawOpen", 1.0)]), ..ChannelSettings::default() }
     }
 
@@ -116,7 +116,7 @@ mod tests {
     fn values(channels: &[ChannelSettings]) -> (Values, Arc<Operator>) {
         let operator = Arc::<Operator>::default();
         let dials = Arc::new(Dials::new(channels, &operator));
-        (Values::new(channels, Form::Bits16, &dials), operator)
+        (Values::new(channels, Encoding::Bits16, &dials), operator)
     }
 
     #[test]
@@ -124,10 +124,10 @@ mod tests {
         let ends =
             |pulse_at_0_us, pulse_at_1_us, it: ChannelSettings| ChannelSettings { pulse_at_0_us, pulse_at_1_us, ..it };
         let channels = [
-            channel(1, Form::Bits8),
-            channel(2, Form::Bits16),
-            channel(511, Form::Microseconds),
-            ends(1750, 1250, channel(300, Form::Bits8)),
+            channel(1, Encoding::Bits8),
+            channel(2, Encoding::Bits16),
+            channel(511, Encoding::Microseconds),
+            ends(1750, 1250, channel(300, Encoding::Bits8)),
         ];
         let (mut values, _) = values(&channels);
         for (jaw_open, want, of_narrow) in [
@@ -140,14 +140,14 @@ mod tests {
             assert_eq!([0, 1, 2, 510, 511].map(|place: usize| universe[place]), want, "{jaw_open}");
             assert_eq!((universe[299], universe.iter().filter(|value| **value > 0).count() <= 6), (of_narrow, true));
         }
-        assert_eq!([0.0, 64.0, 999.0, 1e9].map(|us| Form::Bits16.value(us)), [1, 1, 1, 65_535]);
-        assert_eq!([f32::NAN, -5.0, 1e9].map(|us| Form::Microseconds.value(us)), [1, 1, 65_535]);
+        assert_eq!([0.0, 64.0, 999.0, 1e9].map(|us| Encoding::Bits16.value(us)), [1, 1, 1, 65_535]);
+        assert_eq!([f32::NAN, -5.0, 1e9].map(|us| Encoding::Microseconds.value(us)), [1, 1, 65_535]);
     }
 
     #[test]
     fn a_channel_is_0_once_the_face_is_lost_only_if_it_is_to_be_released_and_on_the_word_of_an_operator() {
-        let release = ChannelSettings { loss: AtLoss::Release, ..channel(2, Form::Bits8) };
-        let (mut values, operator) = values(&[channel(1, Form::Bits8), release]);
+        let release = ChannelSettings { loss: AtLoss::Release, ..channel(2, Encoding::Bits8) };
+        let (mut values, operator) = values(&[channel(1, Encoding::Bits8), release]);
         let mut now = Instant::now();
         let mut first_two = |state, reason| {
             now += Duration::from_millis(25);
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_slow_channel_moves_by_as_much_as_its_limit_allows() {
-        let (mut values, _) = values(&[ChannelSettings { speed_per_s: 1.0, ..channel(7, Form::Bits8) }]);
+        let (mut values, _) = values(&[ChannelSettings { speed_per_s: 1.0, ..channel(7, Encoding::Bits8) }]);
         let begun = Instant::now();
         let shown: Vec<u8> = (0..5)
             .map(|step| values.follow(&face(State::Live, 1.0), begun + step * Duration::from_millis(100))[6])
@@ -175,8 +175,8 @@ mod tests {
 
     #[test]
     fn the_whole_face_has_55_channels_from_address_1_without_gaps_and_a_straight_head_in_their_middle() {
-        for (form, last) in [(Form::Bits8, 55), (Form::Bits16, 110)] {
-            let face = ChannelSettings::whole_face(form);
+        for (encoding, last) in [(Encoding::Bits8, 55), (Encoding::Bits16, 110)] {
+            let face = ChannelSettings::whole_face(encoding);
             assert!(face.windows(2).all(|pair| pair[0].addresses().end == pair[1].channel));
             assert_eq!((face[0].channel, face[54].addresses().end), (1, last + 1));
         }

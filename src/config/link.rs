@@ -10,7 +10,7 @@ use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
 use facewire_servo::bus::{FAMILIES, Family, Unit};
 use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
-use facewire_servo::{AtLoss, ChannelSettings, Form, SOURCE_NAMES, Sources};
+use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources, dmx::Encoding};
 
 use super::overlay::{Entry, Field, Overlay, Section, field, section};
 use super::value::{
@@ -141,7 +141,7 @@ link_kinds! {
         from: Option<SocketAddr> = None, local_address();
         priority: u32 = 100, whole(0..=200, "");
         source: String = "facewire".to_owned(), text(UP_TO_64_CHARACTERS);
-        whole_face: Form = Form::Bits8, choice();
+        whole_face: Encoding = Encoding::Bits8, choice();
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
@@ -149,7 +149,7 @@ link_kinds! {
         address: Address = Address::local(6454), address();
         universe: u32 = 0, whole(0..=32_767, "");
         from: Option<SocketAddr> = None, local_address();
-        whole_face: Form = Form::Bits8, choice();
+        whole_face: Encoding = Encoding::Bits8, choice();
         channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
@@ -188,7 +188,7 @@ choices! { Unit: Steps = "steps", Degrees = "degrees" }
 impl Choice for &'static Family {
     const ALL: &'static [(&'static str, Self)] = FAMILIES;
 }
-choices! { Form: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
+choices! { Encoding: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
 fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     channels.extend(entry.each().iter().map(|entry| {

@@ -31,7 +31,7 @@ use facewire_servo::pca9685::{CHANNELS, address};
 /// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
 const RESEND_PERIOD: Duration = Duration::from_millis(200);
 /// Number of steps by which the keys up and down move.
-const LARGE: f32 = 5.0;
+const STEPS_OF_UP_AND_DOWN: f32 = 5.0;
 /// How long a Maestro has for its answer.
 const PATIENCE: Duration = Duration::from_millis(500);
 /// How long a bus servo has, behind an adapter that holds bytes back for 16 ms.
@@ -225,8 +225,8 @@ fn press(key: KeyCode) -> Option<Press> {
     Some(match key {
         KeyCode::Left => Press::Move(-1.0),
         KeyCode::Right => Press::Move(1.0),
-        KeyCode::Down => Press::Move(-LARGE),
-        KeyCode::Up => Press::Move(LARGE),
+        KeyCode::Down => Press::Move(-STEPS_OF_UP_AND_DOWN),
+        KeyCode::Up => Press::Move(STEPS_OF_UP_AND_DOWN),
         KeyCode::Char('0') => Press::End(0),
         KeyCode::Char('1') => Press::End(1),
         KeyCode::Char('n') => Press::Neutral,

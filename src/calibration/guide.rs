@@ -116,7 +116,7 @@ impl Guide {
         stage.since_s += step_s;
         match View::new(&self.model, &self.takes, take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
-            Ok(_) if stage.since_s < of(READY_S, take) => {}
+            Ok(_) if stage.since_s < value_for(READY_S, take) => {}
             Ok(mut view) => {
                 let last = stage.strength.unwrap_or(view.strength_now);
                 view.strength = last + (1.0 - (-step_s / SMOOTHING_S).exp()) * (view.strength_now - last);
@@ -131,7 +131,7 @@ impl Guide {
         let phase = match &self.stage {
             _ if self.wanted().is_none() => Phase::Ended,
             Stage { hold: Some(_), .. } => Phase::Measure,
-            Stage { since_s, .. } if *since_s < of(READY_S, take) => Phase::GetReady,
+            Stage { since_s, .. } if *since_s < value_for(READY_S, take) => Phase::GetReady,
             _ => Phase::Wait,
         };
         Progress {
@@ -139,7 +139,7 @@ impl Guide {
             done: Take::ALL.len().saturating_sub(self.plan.len()),
             of: Take::ALL.len(),
             phase,
-            measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(of(MEASURE_S, take))),
+            measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(value_for(MEASURE_S, take))),
             seen: self.stage.seen,
             waits_for: self.stage.waits_for,
             refused: self.calibration.refused,
@@ -195,13 +195,13 @@ impl Guide {
             }
             None => self.hold(take, view, step_s),
         }
-        if self.stage.hold.as_ref().is_some_and(|hold| hold.done(of(MEASURE_S, take)) >= 1.0) {
+        if self.stage.hold.as_ref().is_some_and(|hold| hold.done(value_for(MEASURE_S, take)) >= 1.0) {
             let seen = self.stage.hold.take().and_then(|hold| hold.finish());
             match seen.and_then(|seen| self.takes.insert(&self.model, take, seen)) {
                 Some(()) => self.go_on(),
                 None => self.leave_out(take, Refusal::NoFace),
             }
-        } else if self.stage.tried_s > of(PATIENCE_S, take) && self.stage.tried_frames > PATIENCE_FRAMES {
+        } else if self.stage.tried_s > value_for(PATIENCE_S, take) && self.stage.tried_frames > PATIENCE_FRAMES {
             self.leave_out(take, self.stage.waits_for.or(self.last_refusal).unwrap_or(Refusal::NotSeen));
         }
     }
@@ -275,7 +275,7 @@ impl Guide {
 }
 
 /// Chooses between the values for the neutral take and for the poses.
-fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
+fn value_for([neutral, pose]: [f32; 2], take: Take) -> f32 {
     if take == Take::Neutral { neutral } else { pose }
 }
 

@@ -60,7 +60,7 @@ impl Device for Servos {
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
         let Ok(packet) = Packet::decode(message) else { return Ok(false) };
-        // The way to rest is gone when the port is closed, too.
+        // Whoever closes the port brings the servos to rest, so a packet that says "stopping" need not release them.
         let is_made = port.step(&Packet { reason: Reason::None, ..packet });
         port.tell();
         is_made.map_err(|error| lost(&port.device, error))
@@ -72,7 +72,7 @@ pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
     let device = PortSearch::new(&settings.device, Attached::BusServos).find()?;
     let (mut tty, mut message) = (open_port(&device, settings.baud, WRITE_TIMEOUT)?, Vec::new());
     let ids: Vec<u8> = settings.channels.iter().map(|channel| channel.channel as u8).collect();
-    // The first one may complete a message that was cut off.
+    // Sent twice, because the first message may only complete one that was cut off on the line.
     (0..2).for_each(|_| settings.family.write_torque(&ids, false, &mut message));
     tty.write_all(&message).map_err(|error| lost(&device, error))
 }
@@ -117,7 +117,7 @@ impl Drop for Port {
                 break;
             }
         }
-        // The answer to the last question must not meet what takes the torque.
+        // The answer to the last question must be over before the line carries the message that takes the torque.
         thread::sleep(STEP);
         let mut message = Vec::new();
         self.line.release(&mut message);

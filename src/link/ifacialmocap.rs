@@ -16,7 +16,7 @@ use super::{LinkError, LinkErrorKind};
 
 /// Most datagrams that are read between two messages of the stream: more than the system keeps.
 const MOST_AT_ONCE: usize = 1000;
-const MOST: usize = 8;
+const MOST_SUBSCRIBERS: usize = 8;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 const RECENT: Duration = Duration::from_mins(1);
 /// While a receiver is away, the system reports it at least this often: with every second datagram.
@@ -89,7 +89,8 @@ impl Device for Server {
 impl Server {
     pub fn new(listen: SocketAddr, reply_port: u32) -> Self {
         let (reply_port, now) = (u16::try_from(reply_port).unwrap_or_default(), Instant::now());
-        let (subscribers, changed, log_period) = (Vec::with_capacity(MOST), Vec::with_capacity(LONGEST), (now, 0));
+        let (subscribers, changed, log_period) =
+            (Vec::with_capacity(MOST_SUBSCRIBERS), Vec::with_capacity(LONGEST), (now, 0));
         Self { listen, reply_port, subscribers, changed, log_period }
     }
 
@@ -102,7 +103,7 @@ impl Server {
             (known.asked, known.version) = (now, version);
             return;
         }
-        let is_full = self.subscribers.len() == MOST;
+        let is_full = self.subscribers.len() == MOST_SUBSCRIBERS;
         let oldest = self.subscribers.iter().enumerate().min_by_key(|(_, it)| it.asked).filter(|_| is_full);
         if oldest.is_some_and(|(_, oldest)| now.saturating_duration_since(oldest.asked) <= RECENT) {
             return;
@@ -270,7 +271,7 @@ mod tests {
         let forged = (1..=100).map(|host| UdpSocket::bind((Ipv4Addr::new(127, 0, 1, host), 0)).unwrap());
         forged.for_each(|socket| served.gets("", &socket));
         assert_eq!(served.face_at(&friend), FACE_1);
-        assert_eq!(served.server.subscribers.len(), MOST);
+        assert_eq!(served.server.subscribers.len(), MOST_SUBSCRIBERS);
     }
 
     fn log_lines(work: impl FnOnce()) -> usize {

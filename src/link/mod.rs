@@ -179,8 +179,8 @@ impl Link {
         }
     }
 
-    /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may differ from those of the last call in everything but the kind.
-    /// Returns how long the link can wait for the next output, in microseconds.
+    /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may
+    /// differ from those of the last call in everything but the kind. Returns how long the link can wait for the next output, in microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
@@ -201,7 +201,7 @@ impl Link {
 
     /// Sends the output at once, as the last one.
     pub fn send_last(&mut self, settings: &LinkSettings, output: &Output) {
-        self.encode(&Shown::last(settings, output));
+        self.encode(&Shown::adjusted(settings, output));
     }
 
     /// Whether the link still shows a pose that it has held, or is on its way from there.
@@ -215,7 +215,7 @@ impl Link {
             return;
         }
         encoder(&packet(output, self.sequence), output, &mut |message| {
-            panel.all.packets.fetch_add(1, Relaxed);
+            panel.traffic.packets.fetch_add(1, Relaxed);
             udp.iter_mut().for_each(|udp| udp.send(message));
             device.iter_mut().for_each(|device| device.send(message));
         });

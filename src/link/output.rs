@@ -67,11 +67,11 @@ impl Shown {
             shown.moving = shown.pose != output.pose;
             self.held = shown.moving.then_some((shown.pose, now_us));
         }
-        Self::last(settings, &shown)
+        Self::adjusted(settings, &shown)
     }
 
-    /// Returns this output as the last one that the link shows.
-    pub fn last(settings: &LinkSettings, output: &Output) -> Output {
+    /// Returns the output with the link's own adjustments.
+    pub fn adjusted(settings: &LinkSettings, output: &Output) -> Output {
         let (mut shown, adjust) = (output.clone(), &settings.adjust);
         let Pose { rotation, position_mm, coefficients, .. } = &mut shown.pose;
         adjust.apply(coefficients);
@@ -221,7 +221,7 @@ mod tests {
             assert_eq!((state, (pose.coefficients[JAW_OPEN] * 1000.0).round() / 1000.0, moving), want, "{now_us}");
         }
         assert!(shown.held.is_some());
-        assert_eq!(Shown::last(&settings, &stopping), stopping, "the last packet is neutral");
+        assert_eq!(Shown::adjusted(&settings, &stopping), stopping, "the last packet is neutral");
     }
 
     /// A link that follows its pace, and the times at which it sent.

@@ -29,19 +29,19 @@ pub struct Panel {
     pub refusal: AtomicI32,
     trouble: Mutex<Option<String>>,
     pub dials: Arc<Dials>,
-    pub all: Arc<Traffic>,
+    pub traffic: Arc<Traffic>,
 }
 
 impl Panel {
-    pub(super) fn new(settings: &LinkSettings, all: &Arc<Traffic>) -> Arc<Self> {
-        let (kind, receiver, all) = (settings.kind.clone(), settings.to_string(), Arc::clone(all));
+    pub(super) fn new(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Arc<Self> {
+        let (kind, receiver, traffic) = (settings.kind.clone(), settings.to_string(), Arc::clone(traffic));
         let channels = kind.channels().map_or(&[][..], Vec::as_slice);
-        let dials = Arc::new(Dials::new(channels, &all.operator));
-        Arc::new(Self { kind, receiver, dials, all, ..Self::default() })
+        let dials = Arc::new(Dials::new(channels, &traffic.operator));
+        Arc::new(Self { kind, receiver, dials, traffic, ..Self::default() })
     }
 
     pub(super) fn count(&self, is_sent: bool) {
-        let counters = if is_sent { [&self.sent, &self.all.sent] } else { [&self.dropped, &self.all.dropped] };
+        let counters = if is_sent { [&self.sent, &self.traffic.sent] } else { [&self.dropped, &self.traffic.dropped] };
         for counter in counters {
             counter.fetch_add(1, Relaxed);
         }

@@ -58,7 +58,7 @@ const UNKNOWN: Verdict = -1;
 const FINE: Verdict = -4;
 
 /// Judges a value that is poor below the first threshold, and fine from the second on.
-fn of_great(value: f32, [poor, fine]: Thresholds) -> Verdict {
+fn poor_if_low(value: f32, [poor, fine]: Thresholds) -> Verdict {
     match value {
         _ if value < poor => POOR,
         _ if value < fine => BETWEEN,
@@ -67,8 +67,8 @@ fn of_great(value: f32, [poor, fine]: Thresholds) -> Verdict {
 }
 
 /// Judges a value that is poor above the first threshold, and fine up to the second.
-fn of_small(value: f32, thresholds: Thresholds) -> Verdict {
-    of_great(-value, thresholds.map(|threshold| -threshold))
+fn poor_if_high(value: f32, thresholds: Thresholds) -> Verdict {
+    poor_if_low(-value, thresholds.map(|threshold| -threshold))
 }
 
 /// An impairment over time. It begins when looks have said so for the time `hold_us` more than they have denied it, and
@@ -141,15 +141,15 @@ impl Watch {
             Some(face) if is_backlit(face) => FINE,
             Some(face) => unclear(face),
             None if is_black => FINE,
-            None => of_great(look.picture.brightness, BRIGHTNESS)
-                .max(of_great(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
+            None => poor_if_low(look.picture.brightness, BRIGHTNESS)
+                .max(poor_if_low(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
         };
         let verdicts = [
             if is_black { POOR } else { FINE },
             dark,
             of_face(|face| if is_backlit(face) { unclear(face) } else { FINE }),
-            of_face(|face| of_great(face.size_px, SIZE_PX).max(of_great(face.size, SIZE))),
-            of_face(|face| of_small(face.cut_off, CUT_OFF)),
+            of_face(|face| poor_if_low(face.size_px, SIZE_PX).max(poor_if_low(face.size, SIZE))),
+            of_face(|face| poor_if_high(face.cut_off, CUT_OFF)),
         ];
         self.judge(0, verdicts, now_us);
     }
@@ -157,8 +157,8 @@ impl Watch {
     /// Judges what the camera has delivered up to `now_us`. The camera states a frame period of `stated_us` microseconds.
     fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
         let rate = stated_us.map(|stated_us| delivery.fps() * stated_us as f32 / 1e6);
-        let rate = rate.map_or(UNKNOWN, |rate| of_great(rate, RATE));
-        self.judge(OF_PICTURE, [rate, of_small(delivery.lost_share(), LOST)], now_us);
+        let rate = rate.map_or(UNKNOWN, |rate| poor_if_low(rate, RATE));
+        self.judge(OF_PICTURE, [rate, poor_if_high(delivery.lost_share(), LOST)], now_us);
     }
 
     fn judge<const COUNT: usize>(&mut self, first: usize, verdicts: [Verdict; COUNT], now_us: u64) {
@@ -175,7 +175,7 @@ fn is_backlit(face: FaceLook) -> bool {
 
 fn unclear(face: FaceLook) -> Verdict {
     let Light { contrast, noise, .. } = face.light;
-    of_great(contrast / noise, CLARITY).max(of_great(contrast, CONTRAST))
+    poor_if_low(contrast / noise, CLARITY).max(poor_if_low(contrast, CONTRAST))
 }
 
 #[cfg(test)]

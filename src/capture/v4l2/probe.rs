@@ -8,6 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
+use facewire_board::links_to;
 use v4l::capability::Flags;
 use v4l::frameinterval::FrameIntervalEnum;
 use v4l::framesize::FrameSizeEnum;
@@ -18,7 +19,8 @@ use super::super::{CaptureError, FrameRate};
 use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
 
 const VIDEO_MAJOR: u32 = 81;
-/// Folders of links to the nodes. A link keeps its name when its node gets another number.
+/// Folders of links to the nodes: `by-id` names the camera, `by-path` the socket. A link keeps its name when its node gets
+/// another number.
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
 /// Drivers of a processor's own units, whose nodes capture by the kernel's words but are no cameras: codecs and image signal
@@ -75,7 +77,8 @@ impl Found {
 pub fn cameras() -> Found {
     let mut found = Found::default();
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
-    let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();
+    let entries = fs::read_dir("/dev").into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut nodes: Vec<_> = entries.filter(|path| number(path).is_some()).collect();
     nodes.sort_by_key(number);
     nodes.iter().for_each(|node| found.add(probe(node).map(|(camera, _)| camera)));
     found
@@ -91,7 +94,8 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
             Some(identity) if device.format().is_ok() => identity,
             _ => return Err(CaptureError::not_a_camera(&path.display())),
         };
-        let camera = Camera { card, driver, is_usb, links: links(&node), modes: modes(&device), node };
+        let links = LINK_FOLDERS.iter().flat_map(|folder| links_to(&node, folder.as_ref())).collect();
+        let camera = Camera { card, driver, is_usb, links, modes: modes(&device), node };
         Ok((camera, device))
     })
 }
@@ -104,18 +108,6 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     let meta = fs::metadata(&node).map_err(fail)?;
     let is_video = meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
     if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
-}
-
-fn links(node: &Path) -> Vec<PathBuf> {
-    let leads_here = |link: &PathBuf| fs::canonicalize(link).is_ok_and(|target| target == node);
-    let mut links: Vec<_> = LINK_FOLDERS.into_iter().flat_map(entries).filter(leads_here).collect();
-    // This puts `by-id`, which names the camera, before `by-path`, which names the socket.
-    links.sort();
-    links
-}
-
-fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
-    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
 /// Returns the names of the camera and of its driver, and whether it is on a USB bus; `None` if the device does not

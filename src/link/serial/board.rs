@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use facewire_board::{Attached, UsbId, attached, restarts};
+use facewire_board::{Attached, UsbId, attached, links_to, restarts};
 use serialport::{SerialPortType, available_ports};
 
 use crate::config::SerialDevice;
@@ -102,14 +102,8 @@ fn usb_ports() -> impl Iterator<Item = (PathBuf, UsbId)> {
 
 /// Lists the serial ports of USB devices by their stable paths.
 fn stable_ports() -> Vec<(PathBuf, UsbId)> {
-    let ports: Vec<_> = usb_ports().collect();
-    let links = fs::read_dir(LINKS).into_iter().flatten().flatten().map(|entry| entry.path());
-    let stable = links.filter_map(|link| {
-        let node = fs::canonicalize(&link).ok()?;
-        let (_, numbers) = ports.iter().find(|(port, _)| *port == node)?;
-        Some((link, *numbers))
-    });
-    stable.collect()
+    let links = |(port, _): &(PathBuf, UsbId)| links_to(port, LINKS.as_ref());
+    usb_ports().flat_map(|port| links(&port).into_iter().map(move |link| (link, port.1))).collect()
 }
 
 /// Returns the first port of each device: the wanted boards, and the others. A stable path has the name of the device, and

@@ -12,7 +12,6 @@ use facewire_packet::{Pose, Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
-
 use crate::pipeline::{Pipeline, SetupError};
 use crate::service::ServiceError;
 use crate::service::failsafe::{Failsafe, History};

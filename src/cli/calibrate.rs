@@ -29,8 +29,8 @@ Examples:
 
 It takes about 20 seconds: look into the camera, and do what the display asks for. A service that runs is asked, \
 because it holds the camera; its settings count then, and not those of --config. Otherwise the camera of the settings is \
-opened. Ctrl-C ends it, and the former profile \
-stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
+opened. Ctrl-C ends it, and the former profile stays. After the next start, the service uses the wearer that \
+wearer.name of its settings names.";
 
 /// Time for which poor light must last before the guide waits for better light.
 const HOLD_US: u64 = 1_000_000;

@@ -86,7 +86,7 @@ function Banners({ page }) {
       status?.service?.released &&
       banner(
         "bad released",
-        "All servos are released: they get no pulses.",
+        "All servos are released: they get no pulses, and bus servos have no torque.",
         html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`,
       )
     }

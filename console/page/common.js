@@ -6,6 +6,9 @@ import { get, mayOperate } from "./store.js";
 // A clause of the service, which begins with a small letter and ends without a full stop, as a sentence.
 export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
+// What is wrong with a link: a clause for each of its servos.
+export const sentences = (text) => text.split("\n").map(sentence).join("\n");
+
 // A button that does something which may fail. It shows what the console answers: `done`, or the sentence of a refusal.
 export function Action({ run, children, kind = "", disabled = false, needsRole = true, label }) {
   const [state, set] = useState({});

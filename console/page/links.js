@@ -1,8 +1,9 @@
 // Links to receivers with their state, and all settings: as forms, as text, and their earlier versions.
 
-import { Action, time, Trouble } from "./common.js";
+import { Action, sentences, time, Trouble } from "./common.js";
 import { change, Difference, draft, restore, setText, useDraft } from "./draft.js";
 import { Fields, isField, ordered } from "./fields.js";
+import { BOARDS } from "./servos.js";
 import { get, loadSession, mayOperate, post, useStore } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
@@ -76,7 +77,7 @@ function LinkStates({ links }) {
       class=${link.open ? "state-good" : "state-bad"}>${link.open ? "connected" : "not connected"}</small></h3>
     <p class="numbers"><span>rate <b>${rate(before.current.rates[index])}</b></span>
       <span>sent <b>${link.sent}</b></span> <span>dropped <b>${link.dropped}</b></span></p>
-    ${link.trouble && html`<p class="trouble">${link.trouble}</p>`}
+    ${link.trouble && html`<p class="trouble">${sentences(link.trouble)}</p>`}
   </article>`,
   )}`;
 }
@@ -84,7 +85,7 @@ function LinkStates({ links }) {
 const rate = (value) => (value === undefined ? "–" : `${Math.max(0, value).toFixed(0)} / s`);
 
 // The schema of a link of this kind.
-export const schemaOf = (schema, kind) =>
+export const schemaOf = (schema, kind = "udp") =>
   (schema?.properties?.link?.items?.oneOf ?? []).find(({ properties }) => properties.kind.const === kind) ?? {
     properties: {},
   };
@@ -104,10 +105,10 @@ function Form() {
   return html`
     ${elsewhere.map(({ line, text }) => html`<${Trouble}>${line ? `Line ${line}: ` : ""}${text}<//>`)}
     ${links.map(
-      (link, index) => html`<details class="panel" key=${index}><summary>Link ${index + 1}: ${link.kind}</summary>
+      (link, index) => html`<details class="panel" key=${index}><summary>Link ${index + 1}: ${link.kind ?? "udp"}</summary>
       <${Fields} schema=${schemaOf(schema, link.kind)} values=${link} path=${`link.${index}`} faults=${faults}
         hidden=${["kind"]} />
-      ${link.channel && html`<p>Its ${link.channel.length} channels are on the page <a href="#servos">Servos</a>.</p>`}
+      ${BOARDS.includes(link.kind) && html`<p>Its channels are on the page <a href="#servos">Servos</a>.</p>`}
       <${Action} run=${() => change({ [`link.${index}`]: null })}>Remove this link<//>
     </details>`,
     )}

@@ -1,6 +1,6 @@
 // Servos: a card for each channel, arming, and a puppet.
 
-import { Action, Trouble, useEvery } from "./common.js";
+import { Action, sentences, Trouble, useEvery } from "./common.js";
 import { change, draft, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
@@ -9,7 +9,15 @@ import { get, hasService, mayOperate, store, update, useStore } from "./store.js
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 
 const STATUS_PERIOD_MS = 250;
-export const BOARDS = ["maestro", "pca9685", "bus-servo"];
+// What the number of a channel is, its bounds, and what a channel is called.
+const NUMBERS = {
+  maestro: ["Channel on the board", 0, 23, "channel"],
+  pca9685: ["Channel on the board", 0, 15, "channel"],
+  "bus-servo": ["ID of the servo", 1, 252, "servo"],
+  sacn: ["Address in the universe", 1, 512, "channel"],
+  artnet: ["Address in the universe", 1, 512, "channel"],
+};
+export const BOARDS = Object.keys(NUMBERS);
 const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
@@ -25,9 +33,18 @@ const DEFAULTS = {
   acceleration_per_s2: 0,
   dead_zone: 0,
   loss: "neutral",
+  dmx: "8-bit",
 };
+const FORMS = [
+  ["8-bit", "8 bits: 1 to 255"],
+  ["16-bit", "16 bits at two addresses"],
+  ["microseconds", "microseconds at two addresses"],
+];
 
 const isBus = (link) => link.kind === "bus-servo";
+const isDmx = (link) => ["sacn", "artnet"].includes(link.kind);
+// How many numbers a channel takes.
+const width = (link, { dmx = DEFAULTS.dmx }) => (isDmx(link) && dmx !== "8-bit" ? 2 : 1);
 
 // The ends of a new bus servo: close to the middle, so that it moves little before its ends are set.
 function firstEnds(link) {
@@ -79,7 +96,8 @@ export function Servos() {
     </div>
     ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
     ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a
-      href="#start">Start</a> offers the boards that are plugged in.</p>`}
+      href="#start">Start</a> offers the boards that are plugged in. Add a line of bus servos (bus-servo) or a DMX universe (sacn, artnet) as
+      a link in the <a href="#links">settings</a>.</p>`}
     ${boards.map(({ link, index }) => html`<${Board} key=${index} index=${index} link=${link} drive=${drive}
       live=${status?.service?.links?.[index]} />`)}
     <${Puppet} drive=${drive} boards=${boards} />`;
@@ -87,8 +105,10 @@ export function Servos() {
 
 function Board({ index, link, drive, live }) {
   const channels = link.channel ?? [];
-  const numbers = isBus(link) ? [...Array(253).keys()].slice(1) : [...Array(24).keys()];
-  const free = numbers.find((number) => !channels.some(({ channel }) => (channel ?? 0) === number));
+  const [, first, last, word] = NUMBERS[link.kind];
+  const isTaken = (number) =>
+    channels.some((other) => number >= (other.channel ?? 0) && number < (other.channel ?? 0) + width(link, other));
+  const free = [...Array(last + 1).keys()].slice(first).find((number) => !isTaken(number));
   const path = `link.${index}.channel.${channels.length}`;
   const [at0, at1] = firstEnds(link);
   const add = () =>
@@ -100,12 +120,13 @@ function Board({ index, link, drive, live }) {
   return html`<section class="board" aria-label=${live?.name ?? link.kind}>
     <h3>${live?.name ?? link.kind} ${live && html`<small
       class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
-    ${live?.trouble && html`<${Trouble}>${live.trouble}<//>`}
+    ${live?.trouble && html`<${Trouble}>${sentences(live.trouble)}<//>`}
+    ${isDmx(link) && channels.length === 0 && html`<p class="dim">Without a channel of its own, it sends the whole face.</p>`}
     ${channels.map(
       (channel, k) => html`<${Channel} key=${k} place=${[index, k]} board=${link} channel=${channel} drive=${drive}
       live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`,
     )}
-    ${free !== undefined && html`<${Action} run=${add}>Add a channel<//>`}
+    ${free !== undefined && html`<${Action} run=${add}>Add a ${word}<//>`}
   </section>`;
 }
 
@@ -113,17 +134,23 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
   const [end0, end1] = isBus(board) ? ["position_at_0", "position_at_1"] : ["pulse_at_0_us", "pulse_at_1_us"];
   const unit = isBus(board) ? (board.unit ?? "steps") : "µs";
   const bounds = isBus(board) ? { min: 0, max: 4095, step: "any" } : { min: 64, max: 4080, step: 1 };
+  const [label, first, last, word] = NUMBERS[board.kind];
+  const [whatAt, released] = isBus(board) ? ["Place", "no torque"] : ["Pulse", isDmx(board) ? "no pulses, value 0" : "no pulses"];
   const settings = { ...DEFAULTS, ...channel };
   const number = channel.channel ?? 0;
   const [jog, setJog] = useState();
   const path = (key) => `link.${link}.channel.${k}.${key}`;
   const set = (key, value) => change({ [path(key)]: value });
   const names = Object.keys(settings.sources);
-  const title = `Channel ${number}`;
+  const name = `${word} ${number}`;
+  const title = `${name[0].toUpperCase()}${name.slice(1)}`;
   const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
   // The service moves within the ends that it knows, whatever ends wait to be kept.
   const used = { ...DEFAULTS, ...draft.used.link?.[link]?.channel?.find((other) => (other.channel ?? 0) === number) };
-  const pulse = Math.round(used[end0] + position * (used[end1] - used[end0]));
+  // A step, a microsecond or a tenth of a degree.
+  const finest = unit === "degrees" ? 10 : 1;
+  const at = (part) => Math.round(finest * (used[end0] + part * (used[end1] - used[end0]))) / finest;
+  const pulse = at(position);
   const place = (pulse - settings[end0]) / (settings[end1] - settings[end0] || 1);
   const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
   const move = (event) => {
@@ -137,28 +164,28 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
     <h4>${title} <span class="dim">${names.join(" + ") || "follows nothing"}</span></h4>
     <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live}
       onInput=${move}
-      aria-label=${`Move channel ${number}`}
+      aria-label=${`Move ${name}`}
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
     <${Progress} target=${live?.target} position=${live?.position} />
     <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>${isBus(board) ? "at" : "pulse"} <b>${live ? (live.pulse_us === null ? "none" : `${live.pulse_us} ${isBus(board) ? "steps" : "µs"}`) : "–"}</b></span></p>
+      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? `none: ${released}` : `${at(live.position)} ${unit}`) : "–"}</b></span></p>
     <div class="row">
       <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
-        label=${`Set end 0 here, channel ${number}`}>Set end 0 here<//>
+        label=${`Set end 0 here, ${name}`}>Set end 0 here<//>
       <${Action} disabled=${jog === undefined} run=${() => set(end1, pulse)}
-        label=${`Set end 1 here, channel ${number}`}>Set end 1 here<//>
+        label=${`Set end 1 here, ${name}`}>Set end 1 here<//>
       <${Action} disabled=${jog === undefined} run=${() => set("neutral", rest)}
-        label=${`Set rest here, channel ${number}`}>Set rest here<//>
+        label=${`Set rest here, ${name}`}>Set rest here<//>
     </div>
-    <${Sources} settings=${settings} number=${number} set=${set} path=${path} />
+    <${Sources} settings=${settings} name=${name} set=${set} path=${path} />
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
-        <${Number1} label="Channel on the board" value=${number} min="0" max=${isBus(board) ? 252 : 23} step="1"
+        <${Number1} label=${label} value=${number} min=${first} max=${last} step="1"
           set=${(value) => set("channel", value)} />
-        <${Number1} label=${`${isBus(board) ? "Place" : "Pulse"} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
+        <${Number1} label=${`${whatAt} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
           set=${(value) => set(end0, value)} />
-        <${Number1} label=${`${isBus(board) ? "Place" : "Pulse"} at end 1 (${unit})`} value=${settings[end1]} ...${bounds}
+        <${Number1} label=${`${whatAt} at end 1 (${unit})`} value=${settings[end1]} ...${bounds}
           set=${(value) => set(end1, value)} />
         <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" value=${settings.neutral} min="-1" max="1"
           step="0.01" set=${(value) => set("neutral", value)} />
@@ -168,15 +195,13 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
           max="1000" step="0.1" set=${(value) => set("acceleration_per_s2", value)} />
         <${Number1} label="Dead zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005"
           set=${(value) => set("dead_zone", value)} />
-        <label>Without a face
-          <select value=${settings.loss} disabled=${!mayOperate()}
-            onChange=${(event) => set("loss", event.target.value)}>
-            <option value="neutral">stay at rest</option><option value="release">${isBus(board) ? "no torque" : "no pulses"}</option>
-          </select>
-        </label>
+        <${Choice} label="Without a face" value=${settings.loss} set=${(value) => set("loss", value)}
+          choices=${[["neutral", "stay at rest"], ["release", released]]} />
+        ${isDmx(board) && html`<${Choice} label="Value in the universe" value=${settings.dmx}
+          set=${(value) => set("dmx", value)} choices=${FORMS} />`}
       </div>
       <p class="dim">A wider end is typed here, and only then can the slider reach it. Move in small steps, and stop before the mechanism binds.</p>
-      <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove channel ${number}<//>
+      <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
     </details>
   </article>`;
 }
@@ -202,14 +227,18 @@ export function Number1({ label, value, set, ...bounds }) {
     ${trouble && html`<span class="trouble" role="alert">${trouble}</span>`}</label>`;
 }
 
+const Choice = ({ label, value, set, choices }) => html`<label>${label}
+  <select value=${value} disabled=${!mayOperate()} onChange=${(event) => set(event.target.value)}>
+    ${choices.map(([choice, words]) => html`<option key=${choice} value=${choice}>${words}</option>`)}</select></label>`;
+
 // What a channel follows: a factor for each source, and an offset.
-function Sources({ settings, number, set, path }) {
+function Sources({ settings, name, set, path }) {
   const { sources, offset } = settings;
   const [found, setFound] = useState();
-  const choose = (name) => {
-    const isHead = HEAD_SOURCES.includes(name);
+  const choose = (source) => {
+    const isHead = HEAD_SOURCES.includes(source);
     return change({
-      [path("sources")]: { ...sources, [name]: isHead ? HEAD_FACTOR : 1 },
+      [path("sources")]: { ...sources, [source]: isHead ? HEAD_FACTOR : 1 },
       ...(isHead && { [path("offset")]: 0.5 }),
     });
   };
@@ -217,14 +246,14 @@ function Sources({ settings, number, set, path }) {
     setFound(undefined);
     setFound(await learn());
   };
-  const names = [...(store.hello?.names ?? []), ...HEAD_SOURCES].filter((name) => !(name in sources));
-  const without = (name) => Object.fromEntries(Object.entries(sources).filter(([other]) => other !== name));
+  const names = [...(store.hello?.names ?? []), ...HEAD_SOURCES].filter((source) => !(source in sources));
+  const without = (source) => Object.fromEntries(Object.entries(sources).filter(([other]) => other !== source));
   return html`<fieldset class="sources"><legend>Follows</legend>
     ${Object.entries(sources).map(
-      ([name, factor]) => html`<div class="row" key=${name}>
-      <${Number1} label=${`${name} times`} value=${factor} min="-10" max="10" step="any"
-        set=${(value) => set("sources", { ...sources, [name]: value })} />
-      <${Action} run=${() => set("sources", without(name))} label=${`Remove ${name} from channel ${number}`}>Remove<//>
+      ([source, factor]) => html`<div class="row" key=${source}>
+      <${Number1} label=${`${source} times`} value=${factor} min="-10" max="10" step="any"
+        set=${(value) => set("sources", { ...sources, [source]: value })} />
+      <${Action} run=${() => set("sources", without(source))} label=${`Remove ${source} from ${name}`}>Remove<//>
     </div>`,
     )}
     ${Object.keys(sources).length > 0 && html`<${Number1} label="plus" value=${offset} min="-10" max="10" step="any"
@@ -233,11 +262,11 @@ function Sources({ settings, number, set, path }) {
       <label class="grow">Add from the list
         <select disabled=${!mayOperate()} value=""
           onChange=${(event) => event.target.value && choose(event.target.value)}>
-          <option value="">choose …</option>${names.map((name) => html`<option key=${name}
-            value=${name}>${name}</option>`)}
+          <option value="">choose …</option>${names.map((source) => html`<option key=${source}
+            value=${source}>${source}</option>`)}
         </select>
       </label>
-      <${Action} run=${find} label=${`Learn it for channel ${number}`}>Learn it<//>
+      <${Action} run=${find} label=${`Learn it for ${name}`}>Learn it<//>
     </div>
     <p role="status" class="dim">${
       found === undefined
@@ -249,9 +278,9 @@ function Sources({ settings, number, set, path }) {
     ${
       found?.length > 0 &&
       html`<div class="row">${found.map(
-        ({ name, moved }) => html`
-      <${Action} key=${name}
-        run=${() => choose(name).then(() => setFound(undefined))}>${name} (${moved.toFixed(2)})<//>`,
+        ({ name: source, moved }) => html`
+      <${Action} key=${source}
+        run=${() => choose(source).then(() => setFound(undefined))}>${source} (${moved.toFixed(2)})<//>`,
       )}</div>`
     }
   </fieldset>`;

@@ -1,6 +1,6 @@
 // The first time: five steps from a camera to a receiver that moves. Each can be left and come back to.
 
-import { Action, Trouble, useAnswer } from "./common.js";
+import { Action, sentences, Trouble, useAnswer } from "./common.js";
 import { change, draft, isChanged, useDraft } from "./draft.js";
 import { impairments } from "./impaired.js";
 import { Picture } from "./picture.js";
@@ -167,7 +167,7 @@ function Receiver() {
     <h3>Who receives the face?</h3>
     ${links.length === 0 && html`<p
       class="dim">Without a choice here, facewire sends to this machine, and to a microcontroller on USB.</p>`}
-    ${links.length > 0 && html`<p>Already set up: ${links.map(({ kind, address, device }) => [kind, address ?? device].filter((part) => typeof part === "string").join(" ")).join("; ")}.</p>`}
+    ${links.length > 0 && html`<p>Already set up: ${links.map(({ kind = "udp", address, device }) => [kind, address ?? device].filter((part) => typeof part === "string").join(" ")).join("; ")}.</p>`}
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     <h4>Plugged in here</h4>
     ${devices && offers.length === 0 && html`<p>No servo board and no microcontroller is seen. Plug one in, and look again.</p>`}
@@ -211,7 +211,7 @@ function TryIt() {
       class="notice warn">No link is open. Choose a receiver in step 3, and keep the change.</p>`}
     <ul class="list">${links.map(
       ({ name, open, sent, trouble }, index) => html`<li key=${index}><b>${name}</b>:${" "}
-      <span class=${open ? "state-good" : "state-bad"}>${open ? `connected, ${sent} sent` : "not connected"}</span>${trouble && html`<p class="trouble">${trouble}</p>`}</li>`,
+      <span class=${open ? "state-good" : "state-bad"}>${open ? `connected, ${sent} sent` : "not connected"}</span>${trouble && html`<p class="trouble">${sentences(trouble)}</p>`}</li>`,
     )}</ul>
     ${hasServos && html`<p>Set the ends and the source of each servo on the page <a
       href="#servos">Servos</a>, one after the other, and come back here.</p>`}

@@ -1,6 +1,7 @@
 //! What a link to bus servos, `facewire rest` and `facewire servo` promise, with simulated servos at a pseudo-terminal.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
+mod bus;
 #[path = "../../tests/common/mod.rs"]
 mod common;
 
@@ -8,12 +9,12 @@ use std::fs;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::symlink;
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Stdio;
-use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bus::Bus;
 use common::board::{Board, StablePath};
 use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, NO_CAMERA, Service};
@@ -21,51 +22,13 @@ use common::{PATIENCE, eventually};
 use dynamixel2::instructions::SyncWriteData;
 use facewire::config;
 use facewire_servo::bus::FAMILIES;
-use facewire_servo::bus::simulator::{Simulator, Written};
+use facewire_servo::bus::simulator::Written;
 use facewire_servo::finder::{Finder, Press};
 use rustix::fs::fcntl_setfl;
 use rustix::process::Signal;
 
-/// Servos that run on a thread of their own until they are unplugged.
-struct Bus {
-    device: PathBuf,
-    simulator: Arc<Mutex<Simulator>>,
-    _is_plugged_in: Arc<()>,
-}
-
-impl Bus {
-    fn plugged_in(family: &str, ids: &[u8]) -> Self {
-        let (_, family) = FAMILIES.iter().find(|(name, _)| *name == family).unwrap();
-        Self::with(Arc::new(Mutex::new(Simulator::new(family, ids, Instant::now()))))
-    }
-
-    fn with(simulator: Arc<Mutex<Simulator>>) -> Self {
-        let (mut board, plug) = (Board::plugged_in(), Arc::new(()));
-        let (device, shared, is_plugged_in) = (board.device.clone(), Arc::clone(&simulator), Arc::downgrade(&plug));
-        thread::spawn(move || {
-            while is_plugged_in.strong_count() > 0 {
-                let mut bytes = [0; 1024];
-                let length = board.master.read(&mut bytes).unwrap_or(0);
-                let answers = shared.lock().unwrap().take(&bytes[..length], Instant::now());
-                let _ = board.master.write_all(&answers);
-                thread::sleep(Duration::from_millis(1));
-            }
-        });
-        Self { device, simulator, _is_plugged_in: plug }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Simulator> {
-        self.simulator.lock().unwrap()
-    }
-
-    /// Torque and place of each servo.
-    fn servos(&self) -> Vec<(bool, f64)> {
-        self.lock().servos.iter().map(|servo| (servo.has_torque(), servo.place.round())).collect()
-    }
-
-    fn await_servos(&self, wanted: &[(bool, f64)]) {
-        eventually(&format!("{wanted:?}"), || self.servos() == wanted);
-    }
+fn await_servos(bus: &Bus, wanted: &[(bool, f64)]) {
+    eventually(&format!("{wanted:?}"), || bus.servos() == wanted);
 }
 
 /// A jaw that goes from 700 to 300 steps and rests at 600, and a neck with limits that rests at 500.
@@ -77,6 +40,13 @@ fn link(device: &Path, family: &str) -> String {
 speed_per_s = 1.0\nacceleration_per_s2 = 20.0\n",
         device.display()
     )
+}
+
+/// The metrics of a service.
+fn page(socket: &Path) -> String {
+    let mut stream = UnixStream::connect(socket).unwrap();
+    stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+    io::read_to_string(stream).unwrap()
 }
 
 fn rest(toml: &str) -> Run {
@@ -94,10 +64,10 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
         eventually("a servo on its way", || bus.servos()[0].1 > 505.0);
         let (_, took) = service.stop(Signal::TERM);
-        bus.await_servos(&free);
+        await_servos(&bus, &free);
         assert!(took < Duration::from_secs(4), "{took:?}");
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
-        bus.await_servos(&held);
+        await_servos(&bus, &held);
         assert!(rest(&links).out.contains("another program has it open"), "beside a service nothing is released");
         assert_eq!(bus.servos(), held);
         service.stop(Signal::KILL);
@@ -105,7 +75,7 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
         // A second rest does no harm.
         for _ in 0..2 {
             assert!(rest(&links).out.contains(": released"));
-            bus.await_servos(&free);
+            await_servos(&bus, &free);
         }
         assert_eq!(bus.lock().strange, 0);
     }
@@ -150,24 +120,45 @@ fn troubles_of_servos_are_told_once_with_what_to_do() {
     let metrics = format!("[metrics]\nlisten = \"unix:{}\"\n", socket.display());
     let service = Service::start(&[NO_CAMERA, &metrics, &link(&bus.device, "dynamixel-x")].concat(), &[]);
     service.await_log("servo 4: it does not answer: check its power and cable");
-    bus.await_servos(&[(true, 600.0)]);
+    await_servos(&bus, &[(true, 600.0)]);
     bus.lock().plug_in(4, Instant::now());
-    bus.await_servos(&[(true, 600.0), (true, 500.0)]);
+    await_servos(&bus, &[(true, 600.0), (true, 500.0)]);
     bus.lock().servos[0].alarms = 1 << 2;
     service.await_log("servo 1: it is too hot: cut its power");
     assert_eq!((service.logged("does not answer"), service.logged("too hot")), (1, 1));
-    let page = || {
-        let mut stream = UnixStream::connect(&socket).unwrap();
-        stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
-        io::read_to_string(stream).unwrap()
-    };
-    let told = page();
+    let told = page(&socket);
     for (metric, value) in [("volts", ["5", "5"]), ("celsius", ["30", "30"]), ("trouble", ["1", "0"])] {
         let shown = |id, value| format!("facewire_servo_{metric}{{link={:?},servo=\"{id}\"}} {value}\n", bus.device);
         assert!(told.contains(&shown(1, value[0])) && told.contains(&shown(4, value[1])), "{metric} in {told}");
     }
     drop(bus);
-    eventually("no figures of servos that nobody reads", || !page().contains("facewire_servo_volts{"));
+    eventually("no figures of servos that nobody reads", || !page(&socket).contains("facewire_servo_volts{"));
+}
+
+#[test]
+fn the_load_of_a_servo_is_in_the_metrics_whatever_its_direction() {
+    let (folder, buses) =
+        (tempfile::tempdir().unwrap(), FAMILIES.iter().map(|(name, _)| Bus::plugged_in(name, &[1, 4])));
+    let (socket, buses): (_, Vec<_>) = (folder.path().join("metrics"), buses.collect());
+    let links: String = buses.iter().zip(FAMILIES).map(|(bus, (name, _))| link(&bus.device, name)).collect();
+    let metrics = format!("[metrics]\nlisten = \"unix:{}\"\n", socket.display());
+    let service = Service::start(&[NO_CAMERA, &metrics, &links].concat(), &[]);
+    service.await_log("metrics at");
+    // Bit 10 is the direction. An X has no load, and an SCS has its high byte first.
+    let loads: [&[(usize, [u8; 2])]; 5] =
+        [&[], &[(40, [0xFA, 0])], &[(40, [0xFA, 4])], &[(60, [0xFA, 4])], &[(60, [4, 0xFA])]];
+    for (bus, load) in buses.iter().zip(loads) {
+        load.iter().for_each(|(at, bytes)| bus.lock().servos[1].registers[*at..at + 2].copy_from_slice(bytes));
+    }
+    eventually("loads", || {
+        let page = page(&socket);
+        buses.iter().zip(loads).all(|(bus, load)| {
+            let named = |metric| format!("facewire_servo_{metric}{{link={:?},servo=\"4\"}} ", bus.device);
+            let has_load = page.contains(&(named("load_ratio") + "0.25\n"));
+            page.contains(&named("volts")) && has_load != load.is_empty()
+        })
+    });
+    assert_eq!(page(&socket).matches("facewire_servo_load_ratio{").count(), 2 * 4, "two servos of four families");
 }
 
 #[test]
@@ -201,18 +192,18 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
         };
         let press = |keys: &[&[u8]]| keys.iter().for_each(|key| (&terminal.master).write_all(key).unwrap());
         shows(" 500 steps (no torque)");
-        bus.await_servos(&[(false, 500.0)]);
+        await_servos(&bus, &[(false, 500.0)]);
         press(&[b"\x1b[C", b"\x1b[C"]);
-        bus.await_servos(&[(true, 600.0)]);
+        await_servos(&bus, &[(true, 600.0)]);
         press(&[b"0"]);
         press(&[&b"\x1b[A"[..]; 8]);
         press(&[b"1"]);
-        bus.await_servos(&[(true, most)]);
+        await_servos(&bus, &[(true, most)]);
         shows(&format!("1: {most}"));
         press(&[b"q"]);
         shows(&format!("position_at_0 = 600\r\nposition_at_1 = {most}\r\n"));
         eventually("the end", || child.try_wait().unwrap().is_some());
-        bus.await_servos(&[(false, most)]);
+        await_servos(&bus, &[(false, most)]);
         let is_slow = |it: &Written| it.data.len() == 1 || (1.0..slow).contains(&it.speed);
         let bus = bus.lock();
         assert!(bus.written.iter().all(is_slow));

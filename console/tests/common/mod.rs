@@ -1,6 +1,8 @@
 //! Helpers of the whole-program tests.
 #![allow(dead_code, reason = "each test uses some of them")]
 
+#[path = "../../../tests/common/board.rs"]
+pub mod board;
 pub mod browser;
 pub mod service;
 #[path = "../../../tests/common/skip.rs"]
@@ -12,7 +14,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
     sync::mpsc,
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use facewire_packet::{BLENDSHAPES, Packet, State};
@@ -21,6 +23,14 @@ pub use skip::skip;
 
 /// How long a test waits for what must come.
 pub const PATIENCE: Duration = Duration::from_mins(1);
+
+pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !happens() {
+        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
+        thread::sleep(Duration::from_millis(2));
+    }
+}
 
 /// Returns a command that runs the program.
 pub fn command(arguments: &[&str]) -> Command {

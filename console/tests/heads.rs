@@ -1,0 +1,257 @@
+//! Heads are set up by clicks, with the real service: bus servos, which are simulated, and a universe of DMX.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+#[path = "../../servo/program/bus.rs"]
+mod bus;
+mod common;
+
+use std::{
+    env, fs,
+    net::UdpSocket,
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use bus::Bus;
+use common::{PATIENCE, Viewer, browser::Browser, command, eventually, skip};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const PHONE: (u32, u32) = (360, 740);
+const DESK: (u32, u32) = (1280, 900);
+/// A service without a camera shows the neutral face.
+const SETTINGS: &str = "[camera]\ndevice = \"/dev/video99\"\n\n[[link]]\naddress = \"127.0.0.1:9\" # nobody\n";
+
+/// A service, a console of it, and a browser with its page of settings.
+struct Head {
+    service: Child,
+    browser: Browser,
+    program: PathBuf,
+    folder: TempDir,
+    _console: Viewer,
+}
+
+impl Head {
+    /// `None`, with a note, if the browser or the service is not there.
+    fn start((width, height): (u32, u32)) -> Option<Self> {
+        let program = env::current_exe().unwrap().parent().unwrap().with_file_name("facewire");
+        if !Browser::is_installed() || !program.exists() {
+            skip("there is no chromium (scripts/setup tests installs it), or no service (cargo build -p facewire)");
+            return None;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let config = path("facewire.toml");
+        fs::write(&config, SETTINGS).unwrap();
+        let mut service = Command::new(&program);
+        service
+            .args(["run", "--config", &config])
+            .env("RUNTIME_DIRECTORY", folder.path())
+            .env_remove("STATE_DIRECTORY");
+        service.env("FACEWIRE_SYSROOT", "/nonexistent").stdin(Stdio::null()).stdout(Stdio::null());
+        let service = service.stderr(fs::File::create(path("log")).unwrap()).spawn().unwrap();
+        let (control, state) = (path("control"), path("state"));
+        let arguments = ["--listen", "127.0.0.1:0", "--config", &config, "--control", &control, "--state", &state];
+        let console = Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", &program));
+        let mut browser = Browser::start(width, height);
+        browser.open(&format!("http://{}/#links", console.host()));
+        browser.wait_until("document.getElementById('stop')?.disabled === false");
+        browser.wait_for_text("A new link");
+        Some(Self { service, browser, program, folder, _console: console })
+    }
+
+    /// Clicks a button that changes the draft of the settings, and waits until the page shows the new draft.
+    fn click(&mut self, text: &str) {
+        self.browser.click(text);
+        self.settle();
+    }
+
+    /// Changes come one after the other, so that all are there once one more has been made.
+    fn settle(&mut self) {
+        self.browser.value("import('./draft.js').then(({ change }) => change({})).then(() => 1)");
+        self.browser.wait_for_picture();
+    }
+
+    /// Adds a link of this kind on the page of settings, and opens its form.
+    fn add_link(&mut self, kind: &str) {
+        self.browser.wait_until(&format!("document.querySelector('option[value={kind}]')"));
+        self.browser.value(&format!(
+            "(() => {{ const field = document.querySelector('option[value={kind}]').parentElement; field.value = '{kind}'; \
+             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
+        ));
+        self.browser.wait_for_picture();
+        self.click("Add");
+        self.browser.click(&format!("Link 2: {kind}"));
+    }
+
+    /// Sets a field of the second link.
+    fn set(&mut self, key: &str, value: &str) {
+        self.browser.set(&format!("[id='field-link.1.{key}']"), value);
+        self.settle();
+    }
+
+    /// Gives the field of a channel with this label a value.
+    fn choose(&mut self, card: &str, label: &str, value: &str) {
+        let find = format!(
+            "[...document.querySelectorAll('[aria-label=\"{card}\"] label')].find((it) => it.innerText.trim().startsWith('{label}'))\
+             .querySelector('input, select')"
+        );
+        self.browser.wait_until(&find);
+        self.browser.value(&format!(
+            "(() => {{ const field = {find}; field.value = '{value}'; \
+             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
+        ));
+        self.settle();
+    }
+
+    /// Keeps the settings once they have no fault.
+    fn keep(&mut self) {
+        self.browser.wait_for_text("changed and not kept yet");
+        self.browser.click("Keep");
+        self.browser.wait_until("!document.getElementById('draft')");
+    }
+
+    fn go_to(&mut self, page: &str) {
+        self.browser.value(&format!("location.hash = '{page}'"));
+        self.browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+    }
+
+    /// Holds a slider of an armed page there until the servo has come, and clicks this button. A page lets go if the machine is
+    /// too busy for its heartbeat, and is armed again.
+    fn drive(&mut self, name: &str, position: &str, button: &str, mut has_come: impl FnMut() -> bool) {
+        let begun = Instant::now();
+        let mut step = || {
+            let come = has_come();
+            self.browser.value(&format!(
+                "(() => {{ const named = (text) => [...document.querySelectorAll('button:enabled')].find((it) => it.textContent === text); \
+                 named('Arm')?.click(); const slider = document.querySelector('[aria-label=\"Move {name}\"]'); \
+                 if (slider.disabled) return false; slider.value = {position}; \
+                 slider.dispatchEvent(new Event('input', {{ bubbles: true }})); \
+                 return {come} && (named('{button}')?.click(), named('{button}') !== undefined); }})()"
+            )) == true
+        };
+        while !step() {
+            assert!(begun.elapsed() < PATIENCE, "{name} does not come to {position}");
+            thread::sleep(Duration::from_millis(20));
+        }
+        self.settle();
+    }
+
+    /// Takes pictures of a page at both sizes, on which nothing is wider than the screen.
+    fn look(&mut self, name: &str) {
+        for ((width, height), device) in [(PHONE, "phone"), (DESK, "desk")] {
+            self.browser.resize(width, height);
+            self.browser.value("document.querySelector('.board')?.scrollIntoView()");
+            self.browser.screenshot(&format!("{name} on a {device}"));
+            let excess = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+            assert_eq!(self.browser.value(excess), 0, "{name} on a {device}");
+        }
+    }
+
+    /// The links that were added, once `facewire check` has accepted the settings.
+    fn saved(&self) -> String {
+        let path = self.folder.path().join("facewire.toml");
+        let check =
+            Command::new(&self.program).args(["check", "--settings-only", "--config"]).arg(&path).output().unwrap();
+        let settings = fs::read_to_string(path).unwrap();
+        assert!(check.status.success(), "{settings}{}", String::from_utf8_lossy(&check.stderr));
+        settings.strip_prefix(SETTINGS).unwrap_or_else(|| panic!("{settings}")).to_owned()
+    }
+}
+
+impl Drop for Head {
+    fn drop(&mut self) {
+        let _ = self.service.kill();
+        let _ = self.service.wait();
+        if thread::panicking() {
+            eprintln!("{}", fs::read_to_string(self.folder.path().join("log")).unwrap_or_default());
+        }
+    }
+}
+
+#[test]
+fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is_told() {
+    let Some(mut head) = Head::start(PHONE) else { return };
+    let bus = Bus::plugged_in("feetech-sts", &[1]);
+    let device = bus.device.to_str().unwrap();
+    let is_at = |degrees: f64| (bus.servos()[0].1 - degrees * 4096.0 / 360.0).abs() < 3.0;
+    head.add_link("bus-servo");
+    for (key, value) in [("device", device), ("family", "feetech-sts"), ("unit", "degrees")] {
+        head.set(key, value);
+    }
+    head.look("a link to bus servos");
+    head.go_to("servos");
+    for (id, source) in [(1, "jawOpen"), (2, "headYaw")] {
+        head.click("Add a servo");
+        head.choose(&format!("Servo {id}"), "Add from the list", source);
+    }
+    head.keep();
+    let link = format!(
+        "\n[[link]]\nkind = \"bus-servo\"\ndevice = \"{device}\"\nfamily = \"feetech-sts\"\nunit = \"degrees\"\n"
+    );
+    let ends = "position_at_0 = 176\nposition_at_1 = 184\n";
+    let jaw = format!("\n[[link.channel]]\nchannel = 1\n{ends}sources = {{ jawOpen = 1 }}\n");
+    let neck = format!("\n[[link.channel]]\nchannel = 2\n{ends}sources = {{ headYaw = 0.0125 }}\noffset = 0.5\n");
+    assert_eq!(head.saved(), [&*link, &jaw, &neck].concat());
+    head.browser.wait_for_text("Servo 2: it does not answer: check its power and cable");
+    head.look("a bus servo that does not answer");
+    assert!(!bus.servos()[0].0, "a new servo moves only once it may");
+    head.browser.click("Let servos move again");
+    head.drive("servo 1", "0.25", "Set end 0 here", || is_at(178.0));
+    head.browser.wait_for_text("place 178 degrees");
+    head.browser.click("Ends, speed and more");
+    head.choose("Servo 1", "Place at end 1", "190.5");
+    head.look("a bus servo with new ends");
+    head.keep();
+    let ends = "position_at_0 = 178\nposition_at_1 = 190.5\n";
+    assert_eq!(
+        head.saved(),
+        [&*link, &jaw.replace("position_at_0 = 176\nposition_at_1 = 184\n", ends), &neck].concat()
+    );
+    head.drive("servo 1", "1", "Disarm", || is_at(190.5));
+    bus.lock().plug_in(2, Instant::now());
+    head.browser.wait_until("!document.body.innerText.includes('does not answer')");
+    assert_eq!(head.browser.errors(), Vec::<Value>::new());
+}
+
+#[test]
+fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
+    let Some(mut head) = Head::start(DESK) else { return };
+    let node = UdpSocket::bind("127.0.0.1:0").unwrap();
+    node.set_nonblocking(true).unwrap();
+    let address = node.local_addr().unwrap().to_string();
+    // The first three values of the newest datagrams.
+    let has = |wanted: [u8; 3]| {
+        let mut bytes = [0; 18 + 512];
+        std::iter::from_fn(|| node.recv(&mut bytes).ok().map(|_| bytes[18..21] == wanted)).last() == Some(true)
+    };
+    head.add_link("artnet");
+    head.set("address", &address);
+    head.look("a link by Art-Net");
+    head.keep();
+    let link = format!("\n[[link]]\nkind = \"artnet\"\naddress = \"{address}\"\n");
+    assert_eq!(head.saved(), link);
+    head.go_to("servos");
+    head.browser.wait_for_text("it sends the whole face");
+    head.click("Add a channel");
+    head.browser.click("Ends, speed and more");
+    head.choose("Channel 1", "Add from the list", "jawOpen");
+    head.choose("Channel 1", "Value in the universe", "16-bit");
+    head.click("Add a channel");
+    head.choose("Channel 3", "Add from the list", "headYaw");
+    head.keep();
+    let jaw = "\n[[link.channel]]\nchannel = 1\nsources = { jawOpen = 1 }\ndmx = \"16-bit\"\n";
+    let neck = "\n[[link.channel]]\nchannel = 3\nsources = { headYaw = 0.0125 }\noffset = 0.5\n";
+    assert_eq!(head.saved(), [&*link, jaw, neck].concat());
+    eventually("no pulses of new servos", || has([0, 0, 0]));
+    head.browser.click("Let servos move again");
+    eventually("the neutral face", || has([0, 1, 128]));
+    head.drive("channel 1", "0.25", "Set end 1 here", || has([0x40, 1, 128]));
+    head.look("DMX");
+    head.keep();
+    let narrow = jaw.replace("dmx = \"16-bit\"\n", "dmx = \"16-bit\"\npulse_at_1_us = 1250\n");
+    assert_eq!(head.saved(), [&*link, &narrow, neck].concat());
+    assert_eq!(head.browser.errors(), Vec::<Value>::new());
+}

@@ -228,14 +228,16 @@ impl Line {
             return servo.lose(&refusal);
         }
         servo.next += 1;
+        let has_torque = family.get(&servo.registers, family.torque) > 0;
+        let watchdog = family.get(&servo.registers, family.watchdog);
+        let is_unset = family.watchdog.1 > 0 && watchdog == 0;
+        // The second question has told of torque and Bus Watchdog.
+        servo.is_doubtful &= servo.next == 1 || !has_torque || is_unset || watchdog == TRIPPED;
         if servo.next < family.reads.len() {
             return;
         }
         (servo.next, servo.is_read) = (1, true);
         let alarm = family.alarm(&servo.registers, error);
-        let has_torque = family.get(&servo.registers, family.torque) > 0;
-        let watchdog = family.get(&servo.registers, family.watchdog);
-        let is_unset = family.watchdog.1 > 0 && watchdog == 0;
         // It has heard nothing, as the one that fell silent.
         let was_cut_off = std::mem::take(&mut servo.is_doubtful) && watchdog == TRIPPED;
         let has_tripped = watchdog == TRIPPED && !was_cut_off;

@@ -365,6 +365,26 @@ fn a_line_that_falls_silent_in_mid_move_gets_no_goals_is_at_rest_within_1_5_s_an
 }
 
 #[test]
+fn one_of_30_servos_that_falls_silent_holds_each_of_the_others_up_for_at_most_0_6_s() {
+    for family in ALL {
+        let mut rig = Rig::new(family, &(1..=30).map(|id| channel(id, 300.0, 700.0)).collect::<Vec<_>>());
+        rig.run(5.0).bus.servos[0].answers_after = None;
+        let mut held_up = [0.0_f32; 29];
+        for _ in 0..150 {
+            rig.bus.written.clear();
+            rig.run(STEP.as_secs_f32());
+            let has_goal = |id: usize| rig.bus.written.iter().any(|it| usize::from(it.id) == id && it.data.len() > 1);
+            (2..).zip(&mut held_up).filter(|(id, _)| !has_goal(*id)).for_each(|(_, time_s)| *time_s += 0.02);
+        }
+        let longest_s = held_up.into_iter().fold(0.0, f32::max);
+        assert!((0.1..0.61).contains(&longest_s) && rig.servos()[29].0, "{}: {held_up:?}", family.name);
+        assert!(
+            rig.line.troubles().starts_with("servo 1: it does not answer") && rig.line.troubles().lines().count() == 1
+        );
+    }
+}
+
+#[test]
 fn a_watchdog_is_cleared_after_a_silence_of_the_line_and_otherwise_told_and_not_cleared() {
     let mut rig = Rig::of_three(X);
     rig.jaw_open = 0.0;

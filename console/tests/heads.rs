@@ -139,11 +139,11 @@ impl Head {
         self.settle();
     }
 
-    /// Takes pictures of a page at both sizes, on which nothing is wider than the screen.
+    /// Takes pictures of a page at both sizes, from its form on. Nothing is wider than the screen.
     fn look(&mut self, name: &str) {
         for ((width, height), device) in [(PHONE, "phone"), (DESK, "desk")] {
             self.browser.resize(width, height);
-            self.browser.value("document.querySelector('.board')?.scrollIntoView()");
+            self.browser.value("(document.querySelector('.channel details[open]') ?? document.querySelector('.board'))?.scrollIntoView()");
             self.browser.screenshot(&format!("{name} on a {device}"));
             let excess = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
             assert_eq!(self.browser.value(excess), 0, "{name} on a {device}");

@@ -31,8 +31,8 @@ pub fn start(level: LevelFilter) -> reload::Handle<LevelFilter, Registry> {
     handle
 }
 
-/// An output that never blocks. If a line cannot be written at once, it is dropped, and the next line that can be
-/// written follows a count of the dropped ones.
+/// An output that never blocks. A line that cannot be written at once is dropped, and the next one that can be follows a
+/// count of the dropped ones. A line that is too long loses its end.
 struct Lossy<W> {
     output: W,
     lost: u64,
@@ -53,7 +53,10 @@ impl<W: Write + AsFd> Write for Lossy<W> {
             writeln!(self.output, "{lost} lines of the log are lost: they were not read in time")?;
         }
         if self.is_writable() {
-            self.output.write_all(line.get(..LONGEST_LINE).unwrap_or(line))?;
+            match line.get(..LONGEST_LINE - 1) {
+                Some(kept) if line.len() > LONGEST_LINE => self.output.write_all(&[kept, b"\n"].concat())?,
+                _ => self.output.write_all(line)?,
+            }
         } else {
             self.lost += 1;
         }
@@ -72,18 +75,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_cannot_be_written_at_once_is_dropped_and_counted() {
+    fn a_line_that_cannot_be_written_at_once_is_dropped_and_counted_and_a_longer_one_keeps_its_line_end() {
         let (mut reader, output) = pipe().unwrap();
         let mut log = Lossy { output, lost: 0 };
         while log.is_writable() {
             log.write_all(&[b'.'; LONGEST_LINE]).unwrap();
         }
         log.write_all(b"first\n").unwrap();
-        reader.read_exact(&mut [0; 2 * LONGEST_LINE]).unwrap();
+        reader.read_exact(&mut [0; 4 * LONGEST_LINE]).unwrap();
         log.write_all(b"second\n").unwrap();
+        [&[b'x'; LONGEST_LINE + 1][..], b"third\n"].iter().for_each(|line| log.write_all(line).unwrap());
         drop(log);
         let mut rest = String::new();
         reader.read_to_string(&mut rest).unwrap();
-        assert!(rest.ends_with(".1 lines of the log are lost: they were not read in time\nsecond\n"), "{rest}");
+        let long = "x".repeat(LONGEST_LINE - 1);
+        let want = format!(".1 lines of the log are lost: they were not read in time\nsecond\n{long}\nthird\n");
+        assert!(rest.ends_with(&want), "{rest}");
     }
 }

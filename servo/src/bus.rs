@@ -169,6 +169,7 @@ impl Line {
             self.servos.iter_mut().for_each(|servo| (servo.is_on, servo.next) = (false, servo.next.min(1)));
         }
         self.board.follow(packet, now);
+        self.show_health();
         let begin = out.len();
         self.write_orders(now, out);
         self.ask(now, out);
@@ -230,6 +231,7 @@ impl Line {
         servo.next += 1;
         let has_torque = family.get(&servo.registers, family.torque) > 0;
         let watchdog = family.get(&servo.registers, family.watchdog);
+        // After a power cut the Bus Watchdog is not set any more. That ends a halt.
         let is_unset = family.watchdog.1 > 0 && watchdog == 0;
         // The second question has told of torque and Bus Watchdog.
         servo.is_doubtful &= servo.next == 1 || !has_torque || is_unset || watchdog == TRIPPED;
@@ -248,13 +250,18 @@ impl Line {
             servo.trouble = trouble.or_else(|| is_stopped.then(|| TRIPPED_BY_ITSELF.to_owned()));
         }
         let (begins_again, has_arrived) = (!has_torque || is_unset || was_cut_off, has_arrived(family, servo, channel));
-        match (servo.is_on, channel.place_now().is_some() && !servo.is_halted) {
+        let wants_torque = channel.place_now().is_some() && !servo.is_halted;
+        match (servo.is_on, wants_torque) {
+            // It is still on its way to rest.
             (true, false) if !servo.is_halted && !has_arrived && !begins_again => {}
             (is_on, false) if is_on || has_torque => (servo.is_on, servo.torque_order) = (false, Some(false)),
+            // It is asked again what it is.
             (true, true) if begins_again => (servo.is_on, servo.next) = (false, 0),
+            // It has caught up with the face.
             (true, true) if has_arrived && (channel.motion.position - channel.target).abs() <= CLOSE => {
                 channel.limits = channel.settings.limits();
             }
+            // It holds where it stands, and goes slowly to where the face wants it.
             (false, true) if alarm.is_none() => {
                 (servo.is_on, servo.torque_order) = (true, Some(true));
                 let slow = START_DEGREES_PER_S / family.degrees_per_step / channel.span();
@@ -282,14 +289,19 @@ impl Line {
         }
     }
 
+    /// Shows the metrics what servos tell of themselves.
+    fn show_health(&self) {
+        for (dial, servo) in self.board.dials.channels.iter().zip(&self.servos) {
+            let [volts, celsius, load] = self.family.health(&servo.registers);
+            let health = [volts, celsius, load, f32::from(u8::from(servo.trouble.is_some()))];
+            dial.health.iter().zip(health).for_each(|(shown, number)| shown.set(Some(number)));
+        }
+    }
+
+    /// Appends what takes torque, the goals, and what gives torque: a servo gets torque with a goal where it stands.
     fn write_orders(&mut self, now: Instant, out: &mut Vec<u8>) {
         let (family, mut stopped, mut started, mut goals) = (self.family, Vec::new(), Vec::new(), Vec::new());
-        let dials = &self.board.dials.channels;
-        for (index, (servo, channel)) in self.servos.iter_mut().zip(&self.board.channels).enumerate() {
-            let [volts, celsius, load] = family.health(&servo.registers);
-            let health = [volts, celsius, load, f32::from(u8::from(servo.trouble.is_some()))];
-            let shown = dials.get(index).into_iter().flat_map(|dial| &dial.health);
-            shown.zip(health).for_each(|(shown, number)| shown.set(Some(number)));
+        for (servo, channel) in self.servos.iter_mut().zip(&self.board.channels) {
             servo.is_halted &= !channel.is_off;
             servo.is_read &= [servo.position, channel.target].iter().all(|it| *it == channel.motion.position);
             servo.position = channel.motion.position;

@@ -60,6 +60,7 @@ const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
 const LEAST_MEASURED: f32 = 0.1;
 
+/// What the neutral take tells the poses.
 #[derive(Debug)]
 pub(super) struct Known {
     pub(super) neutral: Neutral,
@@ -68,6 +69,7 @@ pub(super) struct Known {
     pub(super) raw: [f32; COEFFS],
 }
 
+/// A face as one frame shows it, or as the mean of the frames of a hold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
     pub face: Normalised,

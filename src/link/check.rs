@@ -64,6 +64,7 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
     }
 }
 
+/// The port of a link, its baud rate, and what "auto" stands for.
 type Line<'a> = (&'a SerialDevice, u32, Attached);
 
 struct Check<'a> {
@@ -84,12 +85,12 @@ impl Check<'_> {
     /// names may mean the same device for a while, and the links then wait for each other.
     fn port(&mut self, (device, _, auto): Line<'_>) {
         let is_auto = *device == SerialDevice::Auto;
-        let is_same = |other: Line<'_>| other.0 == device && (other.2 == auto || !is_auto);
+        let is_same = |(other, _, other_auto): Line<'_>| other == device && (other_auto == auto || !is_auto);
         let is_taken = self.earlier.iter().filter_map(|link| link.kind.line()).any(is_same);
         let expected = "another port, or remove this link: an earlier link has the same port";
         self.need(!is_taken, "link.device", quoted(&device.to_string()), expected);
         let mut others = self.settings.links.iter().filter_map(|link| link.kind.line());
-        let beside = others.find(|other| other.2 == auto && *other.0 != SerialDevice::Auto);
+        let beside = others.find(|(other, _, other_auto)| *other_auto == auto && **other != SerialDevice::Auto);
         if let (true, Some((other, ..))) = (is_auto, beside) {
             let why = format!("another link has the port {other}, which \"auto\" may find, too");
             let expected = format!("the path of a port, or remove this link: {why}");

@@ -8,7 +8,8 @@ use crate::config::{LinkKind, LinkSettings};
 use facewire_packet::control::{ChannelStatus, LinkStatus};
 use facewire_servo::{Dial, Dials, Number, Operator};
 
-/// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
+/// What all links share: counters of their messages, which only grow, and which count each message as sent or dropped in
+/// the end; and what an operator wants of servos.
 #[derive(Debug, Default)]
 pub struct Traffic {
     pub packets: AtomicU64,

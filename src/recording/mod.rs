@@ -37,14 +37,14 @@ const SYNC_CHUNKS: u32 = 10;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    #[error("it is no recording of facewire")]
+    #[error("it is no recording of facewire; give a file that `facewire record` has made")]
     Other,
     #[error("it was made by a later version of facewire; use that version, or a later one")]
     Version,
     /// A chunk is too long, does not match its checksum, or does not hold whole frames.
     #[error("it is damaged after frame {frames}; the frames before that were used")]
     Damaged { frames: u64 },
-    #[error("it cannot be read: {0}")]
+    #[error("it cannot be read: {0}; check the path, its permissions and the disk")]
     Read(#[from] io::Error),
 }
 

@@ -72,6 +72,8 @@ const USUAL_SIZE: [usize; 2] = [640, 480];
 const STACK_BYTES: usize = 512 << 10;
 const MODEL_CHANGED: &str =
     "no profile was made, and the former one stays. The blendshape model has changed: try again";
+const NO_PICTURES: &str =
+    "the camera's picture stays in the service unless the settings have picture = true in [console]";
 const TOO_MANY_PICTURES: &str = "too many pictures are asked for: try again when the camera shows some";
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
@@ -431,15 +433,9 @@ impl Server {
             Request::Delete { wearer } => self.delete(named(&wearer)?),
             Request::List {} => self.list(),
             Request::Watch {} => Task::Watch,
-            Request::Picture {} if !self.settings.console.picture => {
-                let why =
-                    "the camera's picture stays in the service unless the settings have picture = true in [console]";
-                return Err(why.into());
-            }
-            Request::Picture {} | Request::Landmarks {} => {
-                let size = (request == Request::Picture {}).then_some(USUAL_SIZE);
-                picture_of(self.peers.pictures.clone(), size)?
-            }
+            Request::Picture {} if !self.settings.console.picture => return Err(NO_PICTURES.into()),
+            Request::Picture {} => picture_of(self.peers.pictures.clone(), Some(USUAL_SIZE))?,
+            Request::Landmarks {} => picture_of(self.peers.pictures.clone(), None)?,
             Request::Reload {} => {
                 let (asker, answer) = mpsc::channel();
                 let _ = self.peers.reload.send(asker);

@@ -89,7 +89,7 @@ pub(super) struct HotLoop {
 }
 
 /// Whether another attempt in this process can succeed.
-fn can_pass(error: &ServiceError) -> bool {
+fn is_recoverable(error: &ServiceError) -> bool {
     match error {
         // The camera stays busy until the process ends.
         ServiceError::Camera(error) => !matches!(error, CaptureError::NotStopped { .. }),
@@ -138,7 +138,7 @@ impl HotLoop {
             self.outlets.report(Err(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
             match outcome {
                 Ok(()) => continue,
-                Err(error) if !can_pass(&error) => return Err(error),
+                Err(error) if !is_recoverable(&error) => return Err(error),
                 Err(error) if !is_camera => self.tell(Event::Blind("no model", error.to_string())),
                 Err(error) if lasted.is_none() => self.tell(Event::Blind("no camera", error.to_string())),
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
@@ -417,8 +417,8 @@ mod tests {
     #[test]
     fn a_camera_that_cannot_be_stopped_ends_the_service_and_one_that_is_gone_does_not() {
         let (path, source) = ("/dev/video0".to_owned(), io::Error::other("stuck"));
-        assert!(!can_pass(&CaptureError::NotStopped { path, source }.into()));
-        assert!(can_pass(&CaptureError::Gone.into()));
+        assert!(!is_recoverable(&CaptureError::NotStopped { path, source }.into()));
+        assert!(is_recoverable(&CaptureError::Gone.into()));
     }
 
     /// Inferences that the engine of a test may still run, and the number of CPUs of the thread that loaded it last.

@@ -57,7 +57,7 @@ const HOT_PATIENCE: Duration = Duration::from_secs(2);
 /// How long a stopping service waits for a profile that is being written.
 const DISK_PATIENCE: Duration = Duration::from_secs(1);
 /// Time between two looks at a thread that is to end.
-const LOOK: Duration = Duration::from_millis(5);
+const LOOK_PERIOD: Duration = Duration::from_millis(5);
 
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
@@ -218,7 +218,7 @@ fn ends_before(time: Instant, mut has_ended: impl FnMut() -> bool) -> bool {
         if Instant::now() >= time {
             return false;
         }
-        sleep(LOOK);
+        sleep(LOOK_PERIOD);
     }
     true
 }
@@ -234,11 +234,11 @@ fn stop(
     sender.thread().unpark();
     hot.thread().unpark();
     sender.join().map_err(|_| ServiceError::Panicked("sender"))?;
-    if !ends_before(end, || hot.is_finished()) {
+    if ends_before(end, || hot.is_finished()) {
+        hot.join().map_err(|_| ServiceError::Panicked("hot loop"))??;
+    } else {
         tracing::warn!("the camera's driver does not return and is left behind");
-        return Ok(counters.status_line());
     }
-    hot.join().map_err(|_| ServiceError::Panicked("hot loop"))??;
     Ok(counters.status_line())
 }
 

@@ -253,8 +253,6 @@ impl Clock {
 mod tests {
     use std::net::UdpSocket;
 
-    use facewire_packet::Packet;
-
     use super::*;
     use crate::config;
     use crate::link::test_output;

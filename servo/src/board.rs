@@ -22,7 +22,7 @@ pub struct Operator {
     pub is_driven: AtomicBool,
 }
 
-/// The channels of a board in the order of their numbers, as an operator sees and turns them.
+/// The channels of a board in the order of their numbers, as an operator sees and jogs them.
 #[derive(Debug, Default)]
 pub struct Dials {
     pub channels: Vec<Dial>,
@@ -35,21 +35,21 @@ impl Dials {
         Self { channels: sorted(settings).iter().map(dial).collect(), operator: Arc::clone(operator) }
     }
 
-    /// Whether an operator keeps the board without pulses, or turns one of its channels.
+    /// Whether an operator keeps the board without pulses, or jogs one of its channels.
     pub fn is_operated(&self) -> bool {
         let Operator { is_released, is_driven, .. } = &*self.operator;
-        let is_turned = || is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some());
-        !self.channels.is_empty() && (is_released.load(Relaxed) || is_turned())
+        let has_jog = || is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some());
+        !self.channels.is_empty() && (is_released.load(Relaxed) || has_jog())
     }
 
     pub fn has(&self, channel: u16) -> bool {
         self.channels.iter().any(|dial| dial.number == channel)
     }
 
-    /// Turns this channel alone, or none.
-    pub fn turn(&self, turned: Option<(u16, f32)>) {
+    /// Moves this channel alone to a position in place of the face, or none.
+    pub fn jog(&self, jog: Option<(u16, f32)>) {
         for dial in &self.channels {
-            dial.jog.set(turned.filter(|(number, _)| *number == dial.number).map(|(_, position)| position));
+            dial.jog.set(jog.filter(|(number, _)| *number == dial.number).map(|(_, position)| position));
         }
     }
 }
@@ -107,7 +107,7 @@ impl Board {
         board
     }
 
-    /// Moves the channels with the face, or as the operator wants. While one channel is turned, the others of its board
+    /// Moves the channels with the face, or as the operator wants. While one channel is jogged, the others of its board
     /// go to rest.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
         let step_s = self.moved_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
@@ -159,13 +159,13 @@ mod tests {
             board.channels.iter().map(|channel| (channel.target, channel.target_place())).collect::<Vec<_>>()
         };
         assert_eq!(follow(2, 1.0), [(1.0, Some(2000.0)); 2]);
-        dials.turn(Some((3, 7.0)));
+        dials.jog(Some((3, 7.0)));
         assert_eq!(follow(2, 0.0), [(0.0, Some(1000.0)); 2], "nobody drives");
         operator.is_driven.store(true, Relaxed);
         assert!(follow(2, 0.5) == [(0.2, None), (1.0, Some(2000.0))] && dials.is_operated(), "others are at rest");
         operator.is_released.store(true, Relaxed);
         assert_eq!(follow(2, 0.0), [(0.2, None), (1.0, None)]);
-        dials.turn(None);
+        dials.jog(None);
         assert!(follow(2, 0.0).iter().all(|(_, pulse_us)| pulse_us.is_none()));
         operator.is_released.store(false, Relaxed);
         now += std::time::Duration::from_millis(20);

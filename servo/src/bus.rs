@@ -114,6 +114,7 @@ pub struct Line {
     board: Board,
     /// In the order of the channels of the board.
     servos: Vec<Servo>,
+    /// The servo that is asked next.
     turn: usize,
     /// The servo that owes an answer, and when it was asked; otherwise the one that answered last.
     asked: Option<(usize, Instant)>,

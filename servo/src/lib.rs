@@ -2,7 +2,7 @@
 //!
 //! Role: a [`Channel`] turns the face into the position of one servo, from 0 to 1, and the position into a place: a pulse
 //! width in microseconds, or for a bus servo its position in steps. A [`Board`] has several channels, and an [`Operator`]
-//! may take all pulses away, or turn single channels in place of the face. [`maestro`], [`pca9685`], [`bus`] and [`dmx`]
+//! may take all pulses away, or jog single channels in place of the face. [`maestro`], [`pca9685`], [`bus`] and [`dmx`]
 //! know what boards are told, and [`check`] what they cannot follow; the caller carries the bytes.
 //! Contract: whatever comes in, a position stays within 0 to 1, and a motion keeps its limits of speed and
 //! acceleration. A value that is not a number leaves the servo where it is. A step of a board neither allocates nor reads a

@@ -36,7 +36,7 @@ pub struct Port {
     device: PathBuf,
     tty: TTYPort,
     line: Line,
-    told: String,
+    told_troubles: String,
     logged: LoggedReasons,
     panel: Arc<Panel>,
     _claim: PortClaim,
@@ -54,8 +54,8 @@ impl Device for Servos {
             tracing::warn!("link {}: {late}", device.display());
         }
         let line = Line::new(family, *unit, *baud, channels, &self.panel.dials);
-        let (told, logged, panel) = (String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
-        Ok(Port { device, tty, line, told, logged, panel, _claim })
+        let (told_troubles, logged, panel) = (String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
+        Ok(Port { device, tty, line, told_troubles, logged, panel, _claim })
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
@@ -93,16 +93,16 @@ impl Port {
 
     fn tell(&mut self) {
         let troubles = self.line.troubles();
-        if troubles == self.told {
+        if troubles == self.told_troubles {
             return;
         }
         self.panel.note(Some(troubles.as_str()).filter(|troubles| !troubles.is_empty()));
         for trouble in troubles.lines() {
-            if !self.told.contains(trouble) && self.logged.is_new(trouble) {
+            if !self.told_troubles.contains(trouble) && self.logged.is_new(trouble) {
                 tracing::warn!("link {}: {trouble}", self.device.display());
             }
         }
-        self.told = troubles;
+        self.told_troubles = troubles;
     }
 }
 

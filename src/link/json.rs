@@ -70,7 +70,7 @@ impl Device for Server {
         for _ in 0..MOST_AT_ONCE {
             let Ok(stream) = listener.accept().map(UnixStream::from) else { break };
             if self.clients.len() < MOST_CLIENTS {
-                self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
+                self.clients.push(Client { stream, rest: Vec::new(), took_at: Instant::now() });
             }
         }
         Ok(())
@@ -81,7 +81,7 @@ struct Client {
     stream: UnixStream,
     /// The part of a line that the client has not taken yet.
     rest: Vec<u8>,
-    took: Instant,
+    took_at: Instant,
 }
 
 impl Client {
@@ -94,10 +94,10 @@ impl Client {
         }
         match self.stream.write(&self.rest) {
             Ok(count) => {
-                self.took = Instant::now();
+                self.took_at = Instant::now();
                 self.rest.drain(..count);
             }
-            Err(error) if error.kind() != ErrorKind::WouldBlock || self.took.elapsed() > LONGEST_WAIT => {
+            Err(error) if error.kind() != ErrorKind::WouldBlock || self.took_at.elapsed() > LONGEST_WAIT => {
                 return Err(error);
             }
             // The client misses a line of which it took nothing.
@@ -166,7 +166,7 @@ mod tests {
         }
         assert_eq!(gaps, 1, "the slow client missed lines");
         let long_ago = Instant::now().checked_sub(2 * LONGEST_WAIT).unwrap();
-        served.server.clients.iter_mut().for_each(|client| client.took = long_ago);
+        served.server.clients.iter_mut().for_each(|client| client.took_at = long_ago);
         served.write(1400, 2000);
         assert_eq!(served.server.clients.len(), 1, "a client that takes nothing for too long is disconnected");
     }

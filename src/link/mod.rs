@@ -62,7 +62,7 @@ pub struct Link {
     encoded: (u64, bool),
 }
 
-/// Time between two messages to servos that an operator turns or has released, microseconds.
+/// Time between two messages to servos that an operator jogs or has released, microseconds.
 const OPERATED_PERIOD_US: u64 = 25_000;
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -179,8 +179,8 @@ impl Link {
         }
     }
 
-    /// Sends the output if it is due, or if an operator wants something else of servos than before. The settings may
-    /// differ from those of the last call in everything but the kind. Returns how long the link can wait for the next output, in microseconds.
+    /// Sends the output if it is due, or if an operator now wants something else of servos. All settings but the kind may
+    /// differ from those of the last call. Returns how long the link can wait for the next output, microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);

@@ -205,6 +205,7 @@ impl Adaptation {
         overload.map(|(_, fitting)| (fitting, Cause::Slow)).or_else(cooler).filter(|(step, _)| *step > self.step)
     }
 
+    /// The next lower step, if it is time for one because of heat or low voltage and it would save enough.
     fn cooler(&self, now_us: u64, conditions: &Conditions) -> Option<Step> {
         let is_due = self.changed_us.is_none_or(|at_us| now_us.saturating_sub(at_us) >= THROTTLED_US);
         let load = conditions.load?;

@@ -480,7 +480,7 @@ impl Server {
     fn drive(&mut self, driver: &mut Client) -> io::Result<Option<String>> {
         let has_ended = driver.receive(MAX_DRIVE_LINE)?;
         while let Some(line) = driver.request(MAX_DRIVE_LINE) {
-            if let Err(why) = line.and_then(|drive| self.turn(drive)) {
+            if let Err(why) = line.and_then(|drive| self.obey(drive)) {
                 return Ok(Some(why));
             }
         }
@@ -491,7 +491,7 @@ impl Server {
     }
 
     /// Gives the links what the driver wants, until [`DRIVE_PATIENCE`] has passed without another line.
-    fn turn(&mut self, drive: Drive) -> Result<(), String> {
+    fn obey(&mut self, drive: Drive) -> Result<(), String> {
         match drive {
             Drive::Alive {} => {}
             Drive::Jog { link, channel, position } => {
@@ -513,7 +513,7 @@ impl Server {
         self.peers.puppet.write(pose);
         for (index, panel) in self.peers.counters.panels().iter().enumerate() {
             let of_panel = jog.filter(|(link, ..)| *link == index);
-            panel.dials.turn(of_panel.map(|(_, channel, position)| (channel, position)));
+            panel.dials.jog(of_panel.map(|(_, channel, position)| (channel, position)));
         }
     }
 

@@ -51,8 +51,9 @@ pub struct Args {
     /// Publish to ROS 2, by DDS
     #[arg(long)]
     pub ros: bool,
-    /// Publish to ROS 2 by Zenoh, for nodes with rmw_zenoh, through the router at HOST or HOST:PORT [default: localhost:7447]
-    #[arg(long, value_name = "ROUTER", num_args = 0..=1, default_missing_value = "localhost", hide = !cfg!(feature = "zenoh"))]
+    /// Publish to ROS 2 by Zenoh, for nodes with rmw_zenoh, through the router at HOST or HOST:PORT [default: localhost:7447].
+    /// Needs a program that was built with `--features zenoh`
+    #[arg(long, value_name = "ROUTER", num_args = 0..=1, default_missing_value = "localhost")]
     pub ros_zenoh: Option<String>,
     /// Domain of ROS 2 [default: $ROS_DOMAIN_ID, or else 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=232))]

@@ -5,16 +5,28 @@ use std::ffi::CStr;
 use std::mem::MaybeUninit;
 use std::ptr;
 
-use facewire_c::{Face, Picture, Tracker, facewire_message, facewire_open, facewire_process, facewire_reset};
+use facewire_c::{
+    Face, Picture, Tracker, facewire_close, facewire_message, facewire_open, facewire_process, facewire_reset,
+};
 
 const CAPACITY: usize = 2;
 
 thread_local! {
     /// Networks are loaded once, because that takes longer than a picture.
-    static TRACKER: RefCell<*mut Tracker> = RefCell::new(
+    static TRACKER: RefCell<Opened> = RefCell::new(
         // SAFETY: there are neither options nor room for a message.
-        unsafe { facewire_open(ptr::null(), ptr::null_mut(), 0) }
+        Opened(unsafe { facewire_open(ptr::null(), ptr::null_mut(), 0) })
     );
+}
+
+/// A tracker that is closed at the end of its thread.
+struct Opened(*mut Tracker);
+
+impl Drop for Opened {
+    fn drop(&mut self) {
+        // SAFETY: the tracker is open, and nothing uses it any more.
+        unsafe { facewire_close(self.0) }
+    }
 }
 
 /// The first bytes are width, height, stride, how many bytes there are, format, range and flags; the others are repeated as
@@ -35,7 +47,7 @@ pub fn c_interface(bytes: &[u8]) -> usize {
         is_video_range: (head[9] & 1).into(),
     };
     let mut faces = [const { MaybeUninit::<Face>::uninit() }; CAPACITY];
-    TRACKER.with_borrow_mut(|tracker| {
+    TRACKER.with_borrow_mut(|Opened(tracker)| {
         assert!(!tracker.is_null());
         // SAFETY: the tracker is open, the samples are as many as the picture tells, and there is room for so many faces.
         let (found, message) = unsafe {

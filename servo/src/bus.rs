@@ -165,9 +165,12 @@ impl Line {
             return false;
         }
         if silence >= SILENCE {
-            // They begin again where they stand.
+            // They begin again where they stand. Those that were to get torque would get it without a goal.
             self.asked = None;
-            self.servos.iter_mut().for_each(|servo| (servo.is_on, servo.next) = (false, servo.next.min(1)));
+            for servo in &mut self.servos {
+                (servo.is_on, servo.next) = (false, servo.next.min(1));
+                servo.torque_order.take_if(|gives| *gives);
+            }
         }
         self.board.follow(packet, now);
         self.show_health();

@@ -122,7 +122,7 @@ impl Options {
             None => Box::new(crate::networks::BuiltIn::new(self.threads)?),
             #[cfg(not(feature = "built-in"))]
             None => engine(EngineChoice::Native, "", self.threads)?,
-            Some(folder) => engine(EngineChoice::Native, &folder.to_string_lossy(), self.threads)?,
+            Some(folder) => engine(EngineChoice::Native, folder, self.threads)?,
         };
         FaceTracker::load(&self, engine.as_ref(), model)
     }

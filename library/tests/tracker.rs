@@ -6,12 +6,15 @@ mod films;
 #[path = "../../tests/common/skip.rs"]
 mod skip;
 
+use std::ffi::OsStr;
+use std::os::unix::{ffi::OsStrExt as _, fs::symlink};
 use std::time::Duration;
 
 use facewire::calibration::ProfileFile;
 use facewire::capture::{Clip, Content, Frame, Source};
 use facewire::config::Settings;
 use facewire::pipeline::{Pipeline, shaping};
+use facewire_face::stages::NetworkFolder;
 use facewire_library::{
     BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralMode, Options, Picture, Pixels, Profile,
     default_shaping, neutral_of, read_profile,
@@ -259,6 +262,14 @@ fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
     assert!(error(Options::default().horizontal_fov_deg(f32::NAN)).contains("horizontal_fov_deg"));
     assert!(error(Options::default().networks("/nonexistent")).contains("/nonexistent"));
     assert!(error(Options::default().model("/nonexistent.toml")).contains("/nonexistent.toml"));
+}
+
+#[test]
+fn networks_are_loaded_from_a_folder_of_any_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join(OsStr::from_bytes(b"no UTF-8: \xff"));
+    symlink(NetworkFolder::find("").unwrap().path(), &link).unwrap();
+    Options::default().networks(link).open().unwrap();
 }
 
 #[test]

@@ -98,16 +98,16 @@ pub struct NetworkFolder(PathBuf);
 impl NetworkFolder {
     /// Returns the folder that `setting` names, else the one that `$FACEWIRE_NETWORKS` names, else the first that exists of
     /// `facewire/networks` in the user's cache and the folder of an installed package.
-    pub fn find(setting: &str) -> Result<Self, InferError> {
+    pub fn find(setting: impl AsRef<Path>) -> Result<Self, InferError> {
         let user = || {
             let home = || env::var_os("HOME").map(|home| Path::new(&home).join(".cache"));
             let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home);
             cache.map(|cache| cache.join("facewire/networks"))
         };
-        let tried: Vec<PathBuf> = match (setting, env::var_os(VARIABLE)) {
-            ("", Some(named)) => vec![named.into()],
-            ("", None) => user().into_iter().chain([INSTALLED.into()]).collect(),
-            (setting, _) => vec![setting.into()],
+        let tried: Vec<PathBuf> = match (setting.as_ref(), env::var_os(VARIABLE)) {
+            (setting, _) if !setting.as_os_str().is_empty() => vec![setting.into()],
+            (_, Some(named)) => vec![named.into()],
+            (_, None) => user().into_iter().chain([INSTALLED.into()]).collect(),
         };
         let mut refused = None;
         for folder in &tried {
@@ -145,7 +145,7 @@ impl NetworkFolder {
 }
 
 /// Returns the engine whose networks are in `folder` ([`NetworkFolder::find`]) and run on this many threads.
-pub fn engine(choice: EngineChoice, folder: &str, threads: u32) -> Result<Box<dyn Engine>, InferError> {
+pub fn engine(choice: EngineChoice, folder: impl AsRef<Path>, threads: u32) -> Result<Box<dyn Engine>, InferError> {
     let folder = NetworkFolder::find(folder)?;
     match choice {
         EngineChoice::Auto | EngineChoice::Native => {

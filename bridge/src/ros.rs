@@ -41,14 +41,14 @@ const GATHER: Duration = Duration::from_millis(2);
 const SECOND: Duration = Duration::from_secs(1);
 /// Boards that get their writers at a time. RustDDS drops announcements of writers if too many are made at once.
 const NEW_BOARDS: usize = 4;
-/// How long the farewell may take.
+/// Longest time in which the last messages are sent and the node is closed.
 const FAREWELL: Duration = Duration::from_secs(2);
 /// The name of the node.
 const NODE: &str = "facewire_bridge";
 
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
-/// A message's type by its package and name, and whether who comes later gets the last one.
+/// The type of a topic's messages, and whether a reader that comes later gets the last message.
 struct Kind {
     package: &'static str,
     name: &'static str,
@@ -60,7 +60,7 @@ impl Kind {
         Self { package, name, is_latched: false }
     }
 
-    /// Messages of the past, of which a reader that lost one may ask for.
+    /// How many past messages are kept for readers that lost some.
     fn depth(&self) -> usize {
         if self.is_latched { 1 } else { 5 }
     }
@@ -94,8 +94,8 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
     })
 }
 
-/// Waits for the thread, which has been told to end. Zenoh may wait longer for a router that stands still, but the router
-/// takes back what the program has declared as soon as the program has ended.
+/// Waits for the thread, which has been told to end, for [`FAREWELL`] at most. Zenoh waits longer for a router that stands
+/// still, but a router withdraws what the program has declared as soon as the program has ended.
 pub fn finish(thread: &JoinHandle<()>) {
     let end = Instant::now() + FAREWELL;
     while !thread.is_finished() && Instant::now() < end {

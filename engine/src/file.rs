@@ -36,7 +36,7 @@ const MAGIC: &[u8; 8] = b"fwnet\0\0\0";
 const CUT_SHORT: Error = Error::Damaged("it ends too early");
 const VERSION: u32 = 2;
 
-/// Reads a file into a map of its own, which the system gets back whole. In the heap it would leave a hole, as in `arena.rs`.
+/// Reads a file into a memory map of its own, which goes back to the system as a whole, unlike memory of the heap (`arena.rs`).
 ///
 /// # Errors
 /// Those of the file, or that there is no memory.

@@ -1,4 +1,5 @@
-//! Puts weights into the order in which the kernels read them. Each function fills its first argument.
+//! Puts weights into the order in which the kernels read them. Each function fills its first argument, which
+//! comes with zeros.
 
 use crate::fusion::Depthwise;
 use crate::graph::Shape;

@@ -67,7 +67,7 @@ pub fn c_interface(bytes: &[u8]) -> usize {
             assert!(face.landmarks.as_flattened().iter().chain(&face.position_mm).all(|value| value.is_finite()));
             let length = face.rotation_xyzw.iter().map(|value| value * value).sum::<f32>();
             assert!((length - 1.0).abs() < 1e-3, "{length}");
-            // A number that is none is in no range.
+            // NaN is in no range.
             let angles_deg = face.yaw_pitch_roll_deg.iter().chain(&face.gaze_yaw_pitch_deg);
             assert!(angles_deg.copied().all(|angle| (-180.0..=180.0).contains(&angle)));
             assert!(face.neutral <= 2);

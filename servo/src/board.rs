@@ -16,7 +16,7 @@ pub struct Operator {
     pub is_released: AtomicBool,
     /// The value of `is_released` that all links were told last.
     pub told_released: AtomicBool,
-    /// Until when the last line of the client that drives holds, on the monotonic clock, microseconds.
+    /// When the last line of the client that drives expires: time of the monotonic clock, microseconds.
     pub driven_until_us: AtomicU64,
     /// Whether that time has not come yet, as the sender sees it.
     pub is_driven: AtomicBool,

@@ -94,7 +94,7 @@ struct Servo {
     missed: u8,
     missed_at: Option<Instant>,
     is_damaged: bool,
-    /// Another servo has fallen silent since this one was read. It gets no goals, because it may have lost its power, too.
+    /// Another servo has fallen silent since this one was read. This one may have lost its power, too, and gets no goals.
     is_doubtful: bool,
     trouble: Option<String>,
 }
@@ -237,14 +237,14 @@ impl Line {
         let watchdog = family.get(&servo.registers, family.watchdog);
         // After a power cut the Bus Watchdog is not set any more. That ends a halt.
         let is_unset = family.watchdog.1 > 0 && watchdog == 0;
-        // The second question has told of torque and Bus Watchdog.
+        // Torque and Bus Watchdog are in the answer to the second question.
         servo.is_doubtful &= servo.next == 1 || !has_torque || is_unset || watchdog == TRIPPED;
         if servo.next < family.reads.len() {
             return;
         }
         (servo.next, servo.is_read) = (1, true);
         let alarm = family.alarm(&servo.registers, error);
-        // It has heard nothing, as the one that fell silent.
+        // A doubtful servo whose Bus Watchdog has tripped was cut off together with the servo that fell silent.
         let was_cut_off = std::mem::take(&mut servo.is_doubtful) && watchdog == TRIPPED;
         let has_tripped = watchdog == TRIPPED && !was_cut_off;
         let is_stopped = servo.is_on && (!has_torque && alarm.is_some() || has_tripped);

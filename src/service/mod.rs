@@ -65,7 +65,7 @@ pub enum ServiceError {
     Setup(#[from] SetupError),
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// After most of these the hot loop tries again. [`run`] returns those after which only another process can.
+    /// The hot loop tries again after most of these. [`run`] returns those from which only a new process recovers.
     #[error(transparent)]
     Camera(#[from] CaptureError),
     #[error(

@@ -51,7 +51,7 @@ impl Change {
     }
 }
 
-/// Loads a part, unless the reload `keeps` the present one. If it is of the same name and does not load, that one stays, too.
+/// Loads a part, or keeps the current one: if the reload `keeps` it, or if a part of the same name does not load.
 fn replaced<T, E: Error>(
     keeps: bool,
     is_same: bool,

@@ -16,14 +16,14 @@ use crate::{fleet::Shared, say, settings::Ros};
 
 /// This program in the graph of ROS.
 pub enum Node {
-    /// RustDDS joins the networks that it finds at its start, so their addresses are kept.
+    /// With the addresses of this machine at the start, because RustDDS uses no networks that come later.
     Dds(Box<ros2_client::Node>, BTreeSet<Ipv4Addr>),
     #[cfg(feature = "zenoh")]
     Zenoh(zenoh::Node),
 }
 
 impl Node {
-    #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "DDS waits for nobody"))]
+    #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "only Zenoh waits for a router"))]
     pub fn open(settings: &Ros, shared: &Shared) -> Result<Self, Failed> {
         #[cfg(feature = "zenoh")]
         if let Some(endpoint) = settings.endpoint() {
@@ -85,7 +85,7 @@ pub enum Writer<M: Serialize> {
 }
 
 impl<M: Serialize> Writer<M> {
-    /// Publishes a message. Returns how many were refused: it or none.
+    /// Publishes a message. Returns how many messages were refused: 0 or 1.
     pub fn publish(&mut self, message: M) -> u64 {
         u64::from(match self {
             Self::Dds(writer) => writer.publish(message).is_err(),

@@ -41,8 +41,8 @@ pub fn node_token(domain: u16, session: &str) -> String {
     format!("@ros2_lv/{domain}/{session}/0/0/NN/%/%/{NODE}")
 }
 
-/// The token that tells of a writer, with a number of its own. Of the quality it has what is no default: there, reliable is
-/// empty, and so are volatile and to keep the last messages.
+/// The token that tells of a writer, with a number of its own. Of the quality of service it has only what differs from the
+/// default: the fields for reliable, for volatile and for keeping the last messages are empty.
 pub fn writer_token(domain: u16, session: &str, number: u64, topic: &str, kind: &Kind) -> Option<String> {
     let (topic, durability) = (topic.replace('/', "%"), if kind.is_latched { "1" } else { "" });
     let (types, depth) = (type_and_hash(kind)?, kind.depth());
@@ -54,7 +54,7 @@ pub fn gid(token: &str) -> [u8; 16] {
     XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
-/// What goes with a message: its number from 1, the time, and its writer, with the length before it.
+/// What goes with a message: its number from 1, the time, and the identifier of its writer, after the identifier's length.
 pub fn attachment(number: i64, since_1970_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &since_1970_ns.to_le_bytes(), &[16], &gid].concat()
 }
@@ -62,7 +62,7 @@ pub fn attachment(number: i64, since_1970_ns: i64, gid: [u8; 16]) -> Vec<u8> {
 /// A message as CDR, with the header that says so.
 pub fn payload(message: &impl Serialize) -> cdr_encoding::Result<Vec<u8>> {
     let mut bytes = vec![0, 1, 0, 0];
-    // It aligns fields to what it writes itself, which begins after the header.
+    // The encoder counts alignment from the first byte that it writes, which is the one after the header.
     cdr_encoding::to_writer::<_, LittleEndian, _>(&mut bytes, message)?;
     Ok(bytes)
 }

@@ -39,7 +39,7 @@ impl Node {
         for (key, value) in [
             ("mode", json!("client")),
             ("connect/endpoints", json!([endpoint])),
-            // Without end.
+            // Tries for ever.
             ("connect/timeout_ms", json!(-1)),
             ("scouting/multicast/enabled", json!(false)),
             // Readers that ask for earlier messages go by their times.
@@ -48,7 +48,7 @@ impl Node {
             config.insert_json5(key, &value.to_string())?;
         }
         let (sender, opened) = channel();
-        // To look up a name or to connect may take long, and cannot be ended.
+        // Looking up a name and connecting may take long, and cannot be interrupted.
         thread::Builder::new().name("zenoh".to_owned()).spawn(move || sender.send(zenoh::open(config).wait()))?;
         let mut tells_at = Some(Instant::now() + SECOND);
         let session = loop {
@@ -108,7 +108,7 @@ impl Node {
 pub struct Writer {
     publisher: AdvancedPublisher<'static>,
     gid: [u8; 16],
-    /// The messages so far.
+    /// The number of messages so far.
     written: i64,
     _token: LivelinessToken,
 }

@@ -19,7 +19,7 @@ unsafe impl InstructionSet for Avx512 {
 
     #[inline(always)]
     unsafe fn prefetch(from: *const f32) {
-        // SAFETY: to ask for an address is no access.
+        // SAFETY: a prefetch accesses no memory, so that any address will do.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(from.cast()) }
     }
 

@@ -57,8 +57,8 @@ pub struct Kernels {
     pub stem_panel: usize,
     /// Outputs of a panel of a dense layer.
     pub dense_panel: usize,
-    /// Whether the weights of a dense layer may be in half precision, as in [`half`](Self::half). Its time is that of reading
-    /// them from memory.
+    /// Whether the weights of a dense layer may be in half precision, as in [`half`](Self::half). Such a layer takes
+    /// as long as reading its weights from memory.
     pub dense_half: bool,
     /// Computes one row of the first convolution.
     pub stem: fn(&Stem, &mut [f32]),

@@ -17,15 +17,15 @@ pub(super) unsafe trait InstructionSet {
 
     unsafe fn zero() -> Self::Vector;
     unsafe fn load(from: *const f32) -> Self::Vector;
-    /// Loads a vector of half precision, each two values of which take the place of one `f32`. Only sets whose table has
-    /// `dense_half` have it.
+    /// Loads a vector of half precision, in which two values take the place of one `f32`. It is called only for sets whose
+    /// table has `dense_half`.
     #[inline(always)]
     unsafe fn load_half(from: *const f32) -> Self::Vector {
         // SAFETY: the caller vouches for the pointer, which is valid for more than this value.
         unsafe { Self::splat(from) }
     }
-    /// Asks for the values at an address, which may lie anywhere, before they are needed. Does nothing by default: with AVX2,
-    /// whose kernels load more for each product, it is slower.
+    /// Prefetches the values at an address, which may lie anywhere. Does nothing by default: with AVX2, whose kernels load
+    /// more for each product, prefetching is slower.
     #[inline(always)]
     unsafe fn prefetch(_from: *const f32) {}
     unsafe fn store(to: *mut f32, value: Self::Vector);
@@ -97,8 +97,9 @@ pub(super) unsafe trait InstructionSet {
     }
 }
 
-/// How many values before their use weights are asked for. The weights of all networks are more than the second cache holds, and
-/// what a processor fetches ahead by itself ends with a page of 1024 values. 128 to 512 are faster than none, by 5 to 6 %.
+/// How far ahead of their use weights are prefetched, in values of 4 bytes. The second cache does not hold the weights of all
+/// networks, and what a processor prefetches by itself ends with a page of 1024 values. Distances of 128 to 512 make the
+/// networks faster by 5 to 6 %.
 const AHEAD: usize = 256;
 
 /// Fetches the `N` vectors of weights that come [`AHEAD`] after these.
@@ -170,8 +171,9 @@ pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, c
 /// Implements the functions of [`InstructionSet`] by one intrinsic each.
 #[cfg(target_arch = "x86_64")]
 macro_rules! vector_functions {
-    (zero: $zero:ident, load: $load:ident, half: $half:ident of $load_halves:ident, store: $store:ident, splat: $splat:ident, add: $add:ident, mul: $mul:ident,
-     mul_add: $mul_add:ident, max: $max:ident, min: $min:ident,) => {
+    (zero: $zero:ident, load: $load:ident, half: $half:ident of $load_halves:ident, store: $store:ident,
+     splat: $splat:ident, add: $add:ident, mul: $mul:ident, mul_add: $mul_add:ident, max: $max:ident,
+     min: $min:ident,) => {
         #[inline(always)]
         unsafe fn zero() -> Self::Vector {
             // SAFETY: the caller vouches for the instruction set.

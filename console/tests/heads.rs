@@ -118,9 +118,9 @@ impl Head {
         self.browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
     }
 
-    /// Holds a slider of an armed page there until the servo has come, and clicks this button. A page lets go if the machine is
-    /// too busy for its heartbeat, and is armed again.
-    fn drive(&mut self, name: &str, position: &str, button: &str, mut has_come: impl FnMut() -> bool) {
+    /// Holds a slider of an armed page there until the servo has come and the page shows this text, and clicks this button. A
+    /// page lets go if the machine is too busy for its heartbeat, and is armed again.
+    fn drive(&mut self, name: &str, position: &str, text: &str, button: &str, mut has_come: impl FnMut() -> bool) {
         let begun = Instant::now();
         let mut step = || {
             let come = has_come();
@@ -129,7 +129,7 @@ impl Head {
                  named('Arm')?.click(); const slider = document.querySelector('[aria-label=\"Move {name}\"]'); \
                  if (slider.disabled) return false; slider.value = {position}; \
                  slider.dispatchEvent(new Event('input', {{ bubbles: true }})); \
-                 return {come} && (named('{button}')?.click(), named('{button}') !== undefined); }})()"
+                 return {come} && document.body.innerText.includes('{text}') && (named('{button}')?.click(), named('{button}') !== undefined); }})()"
             )) == true
         };
         while !step() {
@@ -199,8 +199,7 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
     head.look("a bus servo that does not answer");
     assert!(!bus.servos()[0].0, "a new servo moves only once it may");
     head.browser.click("Let servos move again");
-    head.drive("servo 1", "0.25", "Set end 0 here", || is_at(178.0));
-    head.browser.wait_for_text("place 178 degrees");
+    head.drive("servo 1", "0.25", "place 178 degrees", "Set end 0 here", || is_at(178.0));
     head.browser.click("Ends, speed and more");
     head.choose("Servo 1", "Place at end 1", "190.5");
     head.look("a bus servo with new ends");
@@ -210,7 +209,7 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
         head.saved(),
         [&*link, &jaw.replace("position_at_0 = 176\nposition_at_1 = 184\n", ends), &neck].concat()
     );
-    head.drive("servo 1", "1", "Disarm", || is_at(190.5));
+    head.drive("servo 1", "1", "", "Disarm", || is_at(190.5));
     bus.lock().plug_in(2, Instant::now());
     head.browser.wait_until("!document.body.innerText.includes('does not answer')");
     assert_eq!(head.browser.errors(), Vec::<Value>::new());
@@ -248,7 +247,7 @@ fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     eventually("no pulses of new servos", || has([0, 0, 0]));
     head.browser.click("Let servos move again");
     eventually("the neutral face", || has([0, 1, 128]));
-    head.drive("channel 1", "0.25", "Set end 1 here", || has([0x40, 1, 128]));
+    head.drive("channel 1", "0.25", "", "Set end 1 here", || has([0x40, 1, 128]));
     head.look("DMX");
     head.keep();
     let narrow = jaw.replace("dmx = \"16-bit\"\n", "dmx = \"16-bit\"\npulse_at_1_us = 1250\n");

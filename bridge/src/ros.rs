@@ -52,12 +52,15 @@ type Failed = Box<dyn std::error::Error + Send + Sync>;
 struct Kind {
     package: &'static str,
     name: &'static str,
+    /// The hash of the type's definition.
+    #[cfg_attr(not(any(feature = "zenoh", test)), expect(dead_code, reason = "DDS knows a type by its name"))]
+    hash: &'static str,
     is_latched: bool,
 }
 
 impl Kind {
-    const fn new(package: &'static str, name: &'static str) -> Self {
-        Self { package, name, is_latched: false }
+    const fn new(package: &'static str, name: &'static str, hash: &'static str) -> Self {
+        Self { package, name, hash, is_latched: false }
     }
 
     /// How many past messages are kept for readers that lost some.
@@ -66,13 +69,36 @@ impl Kind {
     }
 }
 
-const JOINT_STATE: Kind = Kind::new("sensor_msgs", "JointState");
-const POSE_STAMPED: Kind = Kind::new("geometry_msgs", "PoseStamped");
-const BOOL: Kind = Kind { is_latched: true, ..Kind::new("std_msgs", "Bool") };
-const TRANSFORMS: Kind = Kind::new("tf2_msgs", "TFMessage");
-const DIAGNOSTICS: Kind = Kind::new("diagnostic_msgs", "DiagnosticArray");
-const FACES: Kind = Kind::new("hri_msgs", "IdsList");
-const ACTION_UNITS: Kind = Kind::new("hri_msgs", "FacialActionUnits");
+// The hashes of the types' definitions (RIHS01 of REP 2016): SHA-256 of the description as JSON, with the names and types of
+// all fields, as rosidl_generator_type_description writes it. They are calculated from the .msg files of Jazzy, which Kilted
+// and Lyrical have unchanged, and of hri_msgs 2.0.0, of which 2.3.2 changed other messages alone; the Python package rosbags
+// calculates the same, and `ros2 topic info --verbose` prints them. To calculate one again:
+// `rosbags.typesys.get_typestore(Stores.ROS2_JAZZY).hash_rihs01("std_msgs/msg/Bool")`.
+const JOINT_STATE: Kind =
+    Kind::new("sensor_msgs", "JointState", "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e");
+const POSE_STAMPED: Kind = Kind::new(
+    "geometry_msgs",
+    "PoseStamped",
+    "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+);
+const BOOL: Kind = Kind {
+    is_latched: true,
+    ..Kind::new("std_msgs", "Bool", "RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9")
+};
+const TRANSFORMS: Kind =
+    Kind::new("tf2_msgs", "TFMessage", "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087");
+const DIAGNOSTICS: Kind = Kind::new(
+    "diagnostic_msgs",
+    "DiagnosticArray",
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+);
+const FACES: Kind =
+    Kind::new("hri_msgs", "IdsList", "RIHS01_7e0812d1ac945c98fd3e393568d581ad0ab567f37b24eff633eab778c1bfe62d");
+const ACTION_UNITS: Kind = Kind::new(
+    "hri_msgs",
+    "FacialActionUnits",
+    "RIHS01_43f431104624b6ff7f84350f1faa3747efc8a9330dee942b717a08830a267ed3",
+);
 
 /// Starts to publish.
 pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiver<()>) -> io::Result<JoinHandle<()>> {

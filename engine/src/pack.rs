@@ -27,17 +27,27 @@ pub(crate) fn panels(
     }
 }
 
-/// Like [`panels`], in half precision.
-pub(crate) fn half_panels(packed: &mut [f32], inputs: usize, widths: [usize; 2], weight: impl Fn(usize, usize) -> f32) {
-    let pair = |pair, input| half_precision::pair([2 * pair, 2 * pair + 1].map(|output| weight(output, input)));
-    panels(packed, inputs, widths.map(|width| width / 2), pair);
+/// Orders weights as [`panels`] does. In half precision, two take the place of one.
+pub(crate) fn matrix(
+    packed: &mut [f32],
+    half: bool,
+    inputs: usize,
+    widths: [usize; 2],
+    weight: impl Fn(usize, usize) -> f32,
+) {
+    if half {
+        let pair = |pair, input| half_precision::pair([2 * pair, 2 * pair + 1].map(|output| weight(output, input)));
+        panels(packed, inputs, widths.map(|width| width / 2), pair);
+    } else {
+        panels(packed, inputs, widths, weight);
+    }
 }
 
-/// The weights of a pointwise convolution between padded channels. In half precision, two take the place of one.
+/// The weights of a pointwise convolution between padded channels.
 pub(crate) fn pointwise(packed: &mut [f32], kernels: &Kernels, weights: &Values, from: usize, to: usize) {
     let (depth, widths) = (from.next_multiple_of(kernels.lanes), [kernels.panel, kernels.lanes]);
     let weight = |output, input| if output < to && input < from { weights.at(output * from + input) } else { 0.0 };
-    if kernels.half { half_panels(packed, depth, widths, weight) } else { panels(packed, depth, widths, weight) }
+    matrix(packed, kernels.half, depth, widths, weight);
 }
 
 /// The biases of a pointwise convolution. They include the effect of the biases of the depthwise convolution before it.
@@ -81,7 +91,7 @@ pub(crate) fn dense(packed: &mut [f32], kernels: &Kernels, weights: &Values, fro
         let inside = output < outputs && channel < from.channels;
         if inside { weights.at((output * from.pixels() + pixel) * from.channels + channel) } else { 0.0 }
     };
-    if half { half_panels(packed, inputs, widths, weight) } else { panels(packed, inputs, widths, weight) }
+    matrix(packed, half, inputs, widths, weight);
 }
 
 /// Values, and zeros in the place of padding.

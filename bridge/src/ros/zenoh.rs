@@ -76,9 +76,6 @@ impl Node {
         self.writers += 1;
         let key = rmw_zenoh::key(self.domain, topic, kind);
         let token = rmw_zenoh::writer_token(self.domain, &self.session_id, self.writers, topic, kind);
-        let (Some(key), Some(token)) = (key, token) else {
-            return Err(format!("the hash of {} is unknown", kind.name).into());
-        };
         let publisher = self.session.declare_publisher(key);
         let publisher = if kind.is_latched {
             publisher

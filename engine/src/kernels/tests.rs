@@ -196,7 +196,7 @@ fn dense_layers_agree_with_plain_sums() {
             let mut output = vec![f32::NAN; outputs];
             (kernels.dense)(&Dense { input: &input, weights: &single, half: false, bias: &bias }, &mut output);
             if kernels.dense_half {
-                let weights = &packed(weights.len() / 2, |to| pack::half_panels(to, depth, widths, weight));
+                let weights = &packed(weights.len() / 2, |to| pack::matrix(to, true, depth, widths, weight));
                 let mut from_half = vec![f32::NAN; outputs];
                 (kernels.dense)(&Dense { input: &input, weights, half: true, bias: &bias }, &mut from_half);
                 assert_eq!(from_half, output, "{}", kernels.name);

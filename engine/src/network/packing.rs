@@ -56,7 +56,7 @@ impl<'a> Packing<'a> {
         Ok(match &layer.work {
             fusion::Work::Stem { window, weights, bias } => {
                 let (channels, inputs) = (bias.len(), weights.len() / bias.len());
-                let length = matrix([to.channels, inputs])?;
+                let length = matrix([to.channels, inputs], false)?;
                 Work::Stem {
                     size: window.size,
                     stride: window.stride,
@@ -69,7 +69,7 @@ impl<'a> Packing<'a> {
                 if *residual != Residual::None && to.channels < from.channels {
                     return Err(Error::Unsupported("a sum has fewer channels than an operand"));
                 }
-                let length = matrix([to.channels, from.channels])? / if kernels.half { 2 } else { 1 };
+                let length = matrix([to.channels, from.channels], kernels.half)?;
                 let (depthwise, inputs, outputs) = (*depthwise, from.true_channels, to.true_channels);
                 Work::Block {
                     depthwise: depthwise.map(|depthwise| {
@@ -86,7 +86,7 @@ impl<'a> Packing<'a> {
             }
             fusion::Work::Dense { weights, bias } => {
                 let (shape, half) = (self.graph.tensors()[layer.input], kernels.dense_half && weights.is_half());
-                let length = matrix([to.channels, from.rows * from.row])? / if half { 2 } else { 1 };
+                let length = matrix([to.channels, from.rows * from.row], half)?;
                 let fill = move |packed: &mut [f32]| pack::dense(packed, kernels, weights, shape, bias.len(), half);
                 Work::Dense { weights: self.append(length, fill), bias: self.padded(bias, layer), half }
             }
@@ -107,8 +107,11 @@ impl<'a> Packing<'a> {
     }
 }
 
-/// The number of values of a matrix of weights. Refuses one that is larger than the memory of a network may be.
-fn matrix([outputs, inputs]: [usize; 2]) -> Result<usize, Error> {
+/// The length of a packed matrix of weights. Refuses one with more values than the memory of a network may have.
+fn matrix([outputs, inputs]: [usize; 2], half: bool) -> Result<usize, Error> {
     let values = outputs.saturating_mul(inputs);
-    if values <= Layout::LARGEST { Ok(values) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
+    if values > Layout::LARGEST {
+        return Err(Error::Unsupported("a matrix of weights is too large"));
+    }
+    Ok(if half { values / 2 } else { values })
 }

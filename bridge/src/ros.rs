@@ -120,8 +120,8 @@ pub fn start(settings: &Ros, namespace: &str, shared: Arc<Shared>, rings: Receiv
     })
 }
 
-/// Waits for the thread, which has been told to end, for [`FAREWELL`] at most. Zenoh waits longer for a router that stands
-/// still, but a router withdraws what the program has declared as soon as the program has ended.
+/// Waits at most [`FAREWELL`] for the thread, which has been told to end. Zenoh would wait longer for a router that hangs,
+/// which is not needed: the router withdraws the program's declarations when the program ends.
 pub fn finish(thread: &JoinHandle<()>) {
     let end = Instant::now() + FAREWELL;
     while !thread.is_finished() && Instant::now() < end {

@@ -88,7 +88,7 @@ impl Ros {
         self.domain.or_else(of_environment).unwrap_or(0)
     }
 
-    /// The router of Zenoh, as Zenoh writes it.
+    /// The address of the Zenoh router, in the notation of Zenoh.
     pub fn endpoint(&self) -> Option<Result<String, Fault>> {
         let router = self.zenoh.as_deref()?.trim_start_matches("tcp/");
         Some(place(router, 7447).map(|(host, port)| format!("tcp/{host}:{port}")))

@@ -68,7 +68,7 @@ impl Head {
         self.settle();
     }
 
-    /// Changes come one after the other, so that all are there once one more has been made.
+    /// Waits for all changes so far. They are made in order, so an empty one that is made is the last.
     fn settle(&mut self) {
         self.browser.value("import('./draft.js').then(({ change }) => change({})).then(() => 1)");
         self.browser.wait_for_picture();
@@ -118,12 +118,12 @@ impl Head {
         self.browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
     }
 
-    /// Holds a slider of an armed page there until the servo has come and the page shows this text, and clicks this button. A
-    /// page lets go if the machine is too busy for its heartbeat, and is armed again.
-    fn drive(&mut self, name: &str, position: &str, text: &str, button: &str, mut has_come: impl FnMut() -> bool) {
+    /// Holds a slider at `position` until the servo arrives and the page shows `text`, then clicks `button`. Arms the page
+    /// again if it has disarmed because a busy machine delayed its heartbeat.
+    fn drive(&mut self, name: &str, position: &str, text: &str, button: &str, mut has_arrived: impl FnMut() -> bool) {
         let begun = Instant::now();
         let mut step = || {
-            let come = has_come();
+            let come = has_arrived();
             self.browser.value(&format!(
                 "(() => {{ const named = (text) => [...document.querySelectorAll('button:enabled')].find((it) => it.textContent === text); \
                  named('Arm')?.click(); const slider = document.querySelector('[aria-label=\"Move {name}\"]'); \

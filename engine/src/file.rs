@@ -39,7 +39,7 @@ const VERSION: u32 = 2;
 /// Reads a file into a memory map of its own, which goes back to the system as a whole, unlike memory of the heap (`arena.rs`).
 ///
 /// # Errors
-/// Those of the file, or that there is no memory.
+/// Fails if the file cannot be read, or if there is not enough memory.
 pub fn load(path: &Path) -> io::Result<impl Deref<Target = [u8]> + use<>> {
     let mut file = File::open(path)?;
     let length = usize::try_from(file.metadata()?.len()).map_err(io::Error::other)?;

@@ -84,7 +84,7 @@ struct Servo {
     /// The position of the last message, and whether the servo has been read since its channel came to rest there.
     position: f32,
     is_read: bool,
-    /// What the next message does with its torque: `Some(true)` gives it, where the servo stands, and `Some(false)` takes it.
+    /// Whether the next message turns torque on, with a goal where the servo stands, or off. `None` changes nothing.
     torque_order: Option<bool>,
     /// Since when it is to be released. `None` while it is to have torque.
     releasing_since: Option<Instant>,
@@ -256,16 +256,16 @@ impl Line {
         let (begins_again, has_arrived) = (!has_torque || is_unset || was_cut_off, has_arrived(family, servo, channel));
         let wants_torque = channel.place_now().is_some() && !servo.is_halted;
         match (servo.is_on, wants_torque) {
-            // It is still on its way to rest.
+            // The servo is still on its way to rest.
             (true, false) if !servo.is_halted && !has_arrived && !begins_again => {}
             (is_on, false) if is_on || has_torque => (servo.is_on, servo.torque_order) = (false, Some(false)),
-            // It is asked again what it is.
+            // The servo has lost its torque or its Bus Watchdog: ask again what it is.
             (true, true) if begins_again => (servo.is_on, servo.next) = (false, 0),
-            // It has caught up with the face.
+            // The servo has caught up with the face: lift the limit of its slow start.
             (true, true) if has_arrived && (channel.motion.position - channel.target).abs() <= CLOSE => {
                 channel.limits = channel.settings.limits();
             }
-            // It holds where it stands, and goes slowly to where the face wants it.
+            // Turn torque on where the servo stands, and approach the face slowly.
             (false, true) if alarm.is_none() => {
                 (servo.is_on, servo.torque_order) = (true, Some(true));
                 let slow = START_DEGREES_PER_S / family.degrees_per_step / channel.span();
@@ -302,7 +302,7 @@ impl Line {
         }
     }
 
-    /// Appends what takes torque, the goals, and what gives torque: a servo gets torque with a goal where it stands.
+    /// Appends the writes in order: torque off, Bus Watchdog, goals, torque on. A servo gets torque with a goal where it stands.
     fn write_orders(&mut self, now: Instant, out: &mut Vec<u8>) {
         let (family, mut stopped, mut started, mut goals) = (self.family, Vec::new(), Vec::new(), Vec::new());
         for (servo, channel) in self.servos.iter_mut().zip(&self.board.channels) {
@@ -357,7 +357,7 @@ impl Drop for Line {
     }
 }
 
-/// Whether the last reading shows the servo where its channel is now.
+/// Whether the last position that was read is close to the present position of the channel.
 fn has_arrived(family: &Family, servo: &Servo, channel: &Channel) -> bool {
     let way = family.place(&servo.registers) - channel.place(channel.motion.position);
     way.abs() <= CLOSE * channel.span()

@@ -60,7 +60,7 @@ impl Device for Servos {
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
         let Ok(packet) = Packet::decode(message) else { return Ok(false) };
-        // Whoever closes the port brings the servos to rest, so a packet that says "stopping" need not release them.
+        // Closing the port brings the servos to rest, so the reason "stopping" is not passed on.
         let is_made = port.step(&Packet { reason: Reason::None, ..packet });
         port.tell();
         is_made.map_err(|error| lost(&port.device, error))

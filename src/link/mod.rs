@@ -179,8 +179,8 @@ impl Link {
         }
     }
 
-    /// Sends the output if it is due, or if an operator now wants something else of servos. All settings but the kind may
-    /// differ from those of the last call. Returns how long the link can wait for the next output, microseconds.
+    /// Sends the output if it is due, which an operator of servos can bring forward. All settings but the kind may differ
+    /// from those of the last call. Returns how long the link can wait for the next output, microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);

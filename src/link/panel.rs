@@ -8,8 +8,8 @@ use crate::config::{LinkKind, LinkSettings};
 use facewire_packet::control::{ChannelStatus, LinkStatus};
 use facewire_servo::{Dial, Dials, Number, Operator};
 
-/// What all links share: counters of their messages, which only grow, and which count each message as sent or dropped in
-/// the end; and what an operator wants of servos.
+/// What all links share: counters that never decrease, where each message ends up as sent or as dropped, and the wishes of
+/// an operator of servos.
 #[derive(Debug, Default)]
 pub struct Traffic {
     pub packets: AtomicU64,

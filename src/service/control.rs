@@ -74,7 +74,7 @@ const MODEL_CHANGED: &str =
     "no profile was made, and the former one stays. The blendshape model has changed: try again";
 const NO_PICTURES: &str =
     "the camera's picture stays in the service unless the settings have picture = true in [console]";
-const TOO_MANY_PICTURES: &str = "too many pictures are asked for: try again when the camera shows some";
+const TOO_MANY_PICTURES: &str = "too many requests for pictures are waiting: try again once the camera delivers frames";
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
 
@@ -654,8 +654,8 @@ fn wait_for(reply: Receiver<Reply>) -> Task {
     Task::Wait(Box::new(move || Some((poll_outcome(&reply)?.unwrap_or_else(Reply::Refused), Vec::new()))))
 }
 
-/// Waits for a picture of at most this size; if it is larger, for one of the size that it has. Without a size, waits for
-/// the landmarks alone.
+/// Waits for a picture, and asks again with its true size if it exceeds `size`. Without a size, waits for the landmarks
+/// alone.
 fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Result<Task, &'static str> {
     let ask = move |size| pictures.ask(size).ok_or(TOO_MANY_PICTURES);
     let mut copied = ask(size.unwrap_or_default())?;
@@ -758,7 +758,7 @@ impl Guiding {
 
 struct Recording {
     sent_us: u64,
-    /// Of the last entry: its time on the clock of the frames, when it was made, and whether it was a frame.
+    /// The last entry: its time on the clock of the frames, the time when it was made, and whether it was a frame.
     last: Option<(u64, u64, bool)>,
     /// Frames that the client did not take in time, and all that were lost, as the client was told.
     refused: u64,

@@ -128,7 +128,7 @@ fn indicator(text: &str, is_set: bool) -> Values {
     (text.to_owned(), vec![("", f64::from(u8::from(is_set)))])
 }
 
-/// A sample for each name: 1 if it holds, which is asked by its index, else 0. The status line names those that hold.
+/// Makes a sample for each name: 1 if `holds` is true for its index, else 0. The status line lists the names with 1.
 fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(usize) -> bool) -> Values {
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
     let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();

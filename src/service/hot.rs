@@ -306,7 +306,7 @@ impl HotLoop {
         is_new_camera
     }
 
-    /// Begins a phase that takes no longer than `patience_us` unless the loop is stuck. Returns the present time.
+    /// Gives a heartbeat, and counts as stuck unless the next follows within `patience_us`. Returns the present time.
     fn enter(&self, patience_us: u64) -> u64 {
         let now_us = monotonic_us();
         self.counters.heartbeats.beat_hot(now_us, patience_us);

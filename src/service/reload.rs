@@ -51,7 +51,7 @@ impl Change {
     }
 }
 
-/// Loads a part, or keeps the current one: if the reload `keeps` it, or if a part of the same name does not load.
+/// Loads a part. Keeps the current one if `keeps` is set, or if `is_same` is set and the part does not load.
 fn replaced<T, E: Error>(
     keeps: bool,
     is_same: bool,

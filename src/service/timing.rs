@@ -168,7 +168,7 @@ impl FrameTiming {
         self.set_step(self.step);
     }
 
-    /// Sets the step. The failsafe becomes as patient as the step needs at once.
+    /// Sets the step. The failsafe uses the frame period of the new step immediately.
     pub(super) fn set_step(&mut self, step: Step) {
         if step != self.step || self.last_captured_us.is_none() {
             self.step = step;

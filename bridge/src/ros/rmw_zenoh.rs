@@ -20,13 +20,13 @@ pub fn key(domain: u16, topic: &str, kind: &Kind) -> String {
     format!("{domain}{topic}/{}", type_and_hash(kind))
 }
 
-/// The token that tells of the node, which is number 0 of its session. A lone percent sign is an empty name.
+/// The token that announces the node, which is number 0 of its session. A lone percent sign is an empty name.
 pub fn node_token(domain: u16, session: &str) -> String {
     format!("@ros2_lv/{domain}/{session}/0/0/NN/%/%/{NODE}")
 }
 
-/// The token that tells of a writer, with a number of its own. Of the quality of service it has only what differs from the
-/// default: the fields for reliable, for volatile and for keeping the last messages are empty.
+/// The token that announces a writer, with a number of its own. Of the quality of service, it lists only what differs from
+/// the default: the fields for reliable, for volatile and for keeping the last messages are empty.
 pub fn writer_token(domain: u16, session: &str, number: u64, topic: &str, kind: &Kind) -> String {
     let (topic, durability) = (topic.replace('/', "%"), if kind.is_latched { "1" } else { "" });
     let (types, depth) = (type_and_hash(kind), kind.depth());
@@ -38,7 +38,7 @@ pub fn gid(token: &str) -> [u8; 16] {
     XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
-/// What goes with a message: its number from 1, the time, and the identifier of its writer, after the identifier's length.
+/// The attachment of a message: its number from 1, the time, and the length and bytes of its writer's identifier.
 pub fn attachment(number: i64, since_1970_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &since_1970_ns.to_le_bytes(), &[16], &gid].concat()
 }

@@ -19,7 +19,7 @@ unsafe impl InstructionSet for Avx512 {
 
     #[inline(always)]
     unsafe fn prefetch(from: *const f32) {
-        // SAFETY: a prefetch accesses no memory, so that any address will do.
+        // SAFETY: a prefetch is a hint that never faults, so any address will do.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(from.cast()) }
     }
 

@@ -24,8 +24,8 @@ pub(super) unsafe trait InstructionSet {
         // SAFETY: the caller vouches for the pointer, which is valid for more than this value.
         unsafe { Self::splat(from) }
     }
-    /// Prefetches the values at an address, which may lie anywhere. Does nothing by default: with AVX2, whose kernels load
-    /// more for each product, prefetching is slower.
+    /// Prefetches the values at an address, which may lie anywhere. The default does nothing: with AVX2, for example, whose
+    /// kernels load more for each product, prefetching is slower.
     #[inline(always)]
     unsafe fn prefetch(_from: *const f32) {}
     unsafe fn store(to: *mut f32, value: Self::Vector);

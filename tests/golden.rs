@@ -157,7 +157,7 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_them() {
 fn engines_find_the_same_landmarks_and_appearance_in_the_same_regions() {
     let (last, others) = ENGINES.split_last().unwrap();
     let mut reference = Tracker::load(&**last).unwrap_or_else(|error| panic!("{}: {error}", last.name()));
-    let map = |tracker: &Tracker| tracker.face().unwrap().appearance.unwrap().0.clone();
+    let map = |tracker: &Tracker| tracker.face().unwrap().appearance.unwrap().skin.clone();
     for engine in others {
         let (mut tracker, mut clip) = (Tracker::load(&**engine).unwrap(), Clip::once().unwrap());
         let (mut found, mut expected, mut differences) = (Vec::new(), Vec::new(), Vec::new());

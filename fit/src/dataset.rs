@@ -2,11 +2,13 @@
 
 use std::{collections::BTreeSet, path::Path};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
-use facewire_face::{Appearance, BLENDSHAPES, COEFFS, LANDMARKS, Landmarks};
+use facewire_face::stages::{EYE_SIDE, Eyes};
+use facewire_face::{Appearance, BLENDSHAPES, COEFFS, EyeValues, InferError, LANDMARKS, Landmarks};
 
 use half::{f16, slice::HalfFloatSliceExt};
+use rayon::prelude::*;
 
 use crate::arrays::Arrays;
 
@@ -95,18 +97,38 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
     Ok(subjects)
 }
 
-pub struct Appearances(Vec<f16>);
+/// How the faces look: for each picture a row with the feature map at some landmarks, and the pictures of both eyes.
+pub struct Appearances {
+    rows: Vec<f16>,
+    eyes: Vec<EyeValues>,
+}
 
 impl Appearances {
+    /// Values of the feature map.
     pub const VALUES: usize = APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS;
+    /// Values of the feature map, and pixels of the right eye and of the left.
+    pub const ROW: usize = Self::VALUES + 2 * EYE_SIDE * EYE_SIDE;
 
+    fn new(rows: Vec<f16>) -> Result<Self> {
+        let read = |eyes: &mut Result<Eyes, InferError>, row: &[f16]| -> Result<EyeValues> {
+            let Ok(eyes) = eyes else { bail!("the network of the eyes cannot be loaded") };
+            for (pixel, value) in eyes.pictures.as_flattened_mut().iter_mut().zip(&row[Self::VALUES..]) {
+                *pixel = value.to_f32() as u8;
+            }
+            Ok(eyes.read()?)
+        };
+        let eyes = rows.par_chunks_exact(Self::ROW).map_init(Eyes::load, read).collect::<Result<_>>()?;
+        Ok(Self { rows, eyes })
+    }
+
+    /// Copies the feature map.
     pub fn copy(&self, picture: usize, out: &mut [f32]) {
-        self.0[picture * Self::VALUES..][..Self::VALUES].convert_to_f32_slice(out);
+        self.rows[picture * Self::ROW..][..Self::VALUES].convert_to_f32_slice(out);
     }
 
     pub fn of(&self, picture: usize) -> Appearance {
-        let mut appearance = Appearance::zero();
-        self.copy(picture, appearance.0.as_flattened_mut());
+        let mut appearance = Appearance { eyes: self.eyes[picture], ..Appearance::zero() };
+        self.copy(picture, appearance.skin.as_flattened_mut());
         appearance
     }
 }
@@ -119,11 +141,11 @@ pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<O
         if !arrays.has(FEATURES) {
             return Ok(None);
         }
-        values.extend(arrays.halves(FEATURES, &[APPEARANCE_LANDMARKS.len(), APPEARANCE_CHANNELS])?);
+        values.extend(arrays.halves(FEATURES, &[Appearances::ROW])?);
     }
-    let rows = values.len() / Appearances::VALUES;
+    let rows = values.len() / Appearances::ROW;
     ensure!(rows == pictures, "{FEATURES} has {rows} rows, but landmarks has {pictures}");
-    Ok(Some(Appearances(values)))
+    Appearances::new(values).map(Some)
 }
 
 pub fn held_out(samples: &[Sample]) -> Result<Vec<usize>> {

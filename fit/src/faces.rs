@@ -44,7 +44,13 @@ impl<'a> Faces<'a> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
         let raw = self.of_landmarks(model, row)?;
         let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
-        Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
+        let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
+        model.look(
+            &mut raw,
+            &normalise(&self.samples[row].landmarks)?,
+            appearance.as_ref().map(|appearance| &appearance.eyes),
+        );
+        Ok(raw)
     }
 
     /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.

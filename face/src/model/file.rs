@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceLayer, BLENDSHAPES, COEFFS, Cases,
-    Correction, CorrectiveTerms, FeatureId, FormulaSetTable, GazeInput, GazeLayer, HiddenLayer, Input, MAX_HIDDEN,
-    MAX_INPUTS, Model, ModelError, Output, Regression,
+    Correction, CorrectiveTerms, EYE_SUMS, EYE_VALUES, EyesLayer, FeatureId, FormulaSetTable, GazeInput, GazeLayer,
+    HiddenLayer, Input, MAX_HIDDEN, MAX_INPUTS, Model, ModelError, Output, Regression,
 };
 
 /// The format of model files that this program reads.
@@ -70,6 +70,14 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// neutral = -0.5
 /// weights = [120.5, 0.3]
 ///
+/// [eyes]                      # may be missing: the layer from pictures of the eyes to yaw and pitch in degrees
+/// offsets = [0.1, -2.0, 0.5]  # of yaw, of pitch, and of the 64 hidden units
+/// outputs = [[1.5, 0.2]]      # the weights of each hidden unit for yaw and pitch
+/// values = [[0.1, 0.2, 0.3]]  # of each value of the right eye, then of the left: weights for yaw, pitch and the units
+///
+/// [eyes.inputs]               # the weights of features
+/// x468 = [-12.5, 0.1, 3.0]
+///
 /// [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
 /// shift = -0.02               # beta
 /// slope = 1.05                # 1 - gamma
@@ -94,6 +102,8 @@ pub struct ModelFile {
     pub appearance: Option<AppearanceTable>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaze: Option<GazeTable>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eyes: Option<EyesTable>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, CorrectiveTerms>,
 }
@@ -142,6 +152,36 @@ impl GazeTable {
                 neutral_known: row("gaze.offsets.neutral_known", &self.offsets.neutral_known)?,
                 neutral_unknown: row("gaze.offsets.neutral_unknown", &self.offsets.neutral_unknown)?,
             },
+        })
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EyesTable {
+    pub offsets: Vec<f64>,
+    pub outputs: Vec<[f64; 2]>,
+    pub values: Vec<Vec<f64>>,
+    pub inputs: BTreeMap<String, Vec<f64>>,
+}
+
+impl EyesTable {
+    fn to_layer(&self) -> Result<EyesLayer, ModelError> {
+        let mut weights = Vec::new();
+        for (name, own) in &self.inputs {
+            weights.extend(row::<EYE_SUMS>(&format!("eyes.inputs.{name}"), own)?);
+        }
+        for own in &self.values {
+            weights.extend(row::<EYE_SUMS>("eyes.values", own)?);
+        }
+        if (self.values.len(), self.outputs.len()) != (2 * EYE_VALUES, EYE_SUMS - 2) {
+            return Err(invalid("eyes", "has not one row for each value and each unit"));
+        }
+        Ok(EyesLayer {
+            inputs: self.inputs.keys().map(|name| feature("eyes.inputs", name)).collect::<Result<_, _>>()?,
+            weights: weights.into(),
+            offsets: row("eyes.offsets", &self.offsets)?,
+            outputs: self.outputs.iter().map(|own| row("eyes.outputs", own)).collect::<Result<_, _>>()?,
         })
     }
 }
@@ -233,7 +273,8 @@ impl ModelFile {
     pub fn to_model(&self) -> Result<Model, ModelError> {
         let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
         let gaze = self.gaze.as_ref().map(GazeTable::to_layer).transpose()?;
-        Ok(Model { appearance, gaze, correction: self.correction()?, regression: self.regression()? })
+        let eyes = self.eyes.as_ref().map(EyesTable::to_layer).transpose()?;
+        Ok(Model { appearance, gaze, eyes, correction: self.correction()?, regression: self.regression()? })
     }
 
     pub(super) fn regression(&self) -> Result<Regression, ModelError> {

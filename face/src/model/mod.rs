@@ -10,7 +10,9 @@ use std::{io, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{BLENDSHAPES, COEFFS, LANDMARKS};
-pub use file::{AppearanceTable, BlendshapeTable, GazeTable, InputTable, ModelFile, ResidualRow, ScoreTable};
+pub use file::{
+    AppearanceTable, BlendshapeTable, EyesTable, GazeTable, InputTable, ModelFile, ResidualRow, ScoreTable,
+};
 #[cfg(test)]
 pub(crate) use formulas::ScaledInput;
 pub(crate) use formulas::{Formula, FormulaSet, MAX_PRODUCTS};
@@ -39,6 +41,11 @@ pub const APPEARANCE_LANDMARKS: [u16; 180] = [
     383, 384, 385, 386, 387, 388, 390, 395, 398, 401, 402, 405, 409, 411, 412, 415, 416, 417, 418, 425, 428, 430, 432,
     433, 435, 436, 437, 441, 443, 447, 466, 468, 473,
 ];
+
+/// Values that the network of the eyes gives for each eye.
+pub const EYE_VALUES: usize = 32;
+/// Sums of the layer that reads these values: yaw and pitch directly, then the hidden units.
+pub const EYE_SUMS: usize = 2 + 64;
 
 /// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation.
 #[rustfmt::skip]
@@ -124,6 +131,8 @@ pub struct Model {
     pub(crate) appearance: Option<AppearanceLayer>,
     /// The map from points of the eyes to where they look.
     pub(crate) gaze: Option<GazeLayer>,
+    /// The layer from pictures of the eyes to where they look.
+    pub(crate) eyes: Option<EyesLayer>,
     /// The corrective terms.
     pub correction: Correction,
 }
@@ -201,6 +210,20 @@ pub(crate) struct GazeInput {
     /// Mean of the feature over neutral faces.
     pub(crate) neutral: f32,
     pub(crate) weights: [f32; 2],
+}
+
+/// A layer `s = W x + a` of features and of the values of the network of the eyes. Yaw and pitch in degrees are the first two
+/// sums plus `V max(0, s)` of the other ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct EyesLayer {
+    pub(crate) inputs: Box<[FeatureId]>,
+    /// The columns of `W`, each with [`EYE_SUMS`] weights: one for each feature, then for each value of the right eye, then
+    /// of the left.
+    pub(crate) weights: Box<[f32]>,
+    #[serde(with = "list")]
+    pub(crate) offsets: [f32; EYE_SUMS],
+    /// The columns of `V`.
+    pub(crate) outputs: Box<[[f32; 2]]>,
 }
 
 /// From the units of a layer to blendshapes: `V h + b`.

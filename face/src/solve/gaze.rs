@@ -2,19 +2,25 @@
 //!
 //! A linear map of a few points of the eyes (eq. 4) follows small movements of every wearer. But each wearer shifts it by an
 //! offset of their own, and the landmarks of the irises lag at the ends of the range. The regression, which reads the whole
-//! face, is right at those ends and on average. So the mean difference of the two is the offset, and the result blends both:
-//! mostly the map in small turns, mostly the regression in wide ones.
+//! face, is right at those ends and on average, above all together with a layer that reads a picture of each eye. So the mean
+//! difference is the offset, and the result blends both: the map has its say in small turns, and hardly any in wide ones.
 
+use std::slice;
+
+use facewire_engine::kernels::rows::add_rows;
 use facewire_packet::FULL_GAZE_DEG;
 
 use super::correction::smoothstep;
 use super::filter::{LONGEST_STEP_S, passed, towards};
 use super::plausible::{BLINKS, GAZE, pick, put};
-use super::{COEFFS, Coefficients, features::Features};
-use crate::model::GazeLayer;
+use super::{COEFFS, Coefficients, Features, Normalised, Reference};
+use crate::model::{EyesLayer, GazeLayer, Model};
+use crate::track::EyeValues;
 
-/// Share of the regression in a small turn, for yaw and pitch.
-const SMALL_TURN_SHARES: [f32; 2] = [0.3, 0.4];
+/// Share of the pictures of the eyes in the direction that they and the regression see.
+const PICTURE_SHARE: f32 = 0.6;
+/// Share of that direction in a small turn, for yaw and pitch.
+const SMALL_TURN_SHARES: [f32; 2] = [0.5, 0.6];
 /// What a wide turn adds to these shares.
 const WIDE_TURN_ADDS: f32 = 0.4;
 /// The turns between which the regression's share rises, degrees.
@@ -73,6 +79,35 @@ impl GazeLayer {
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
         }
         turns_deg.map(bounded_turn_deg)
+    }
+}
+
+impl EyesLayer {
+    /// Returns the turns to the person's left and upwards that the pictures of the eyes show, degrees.
+    fn process(&self, features: &Features, eyes: &EyeValues) -> [f32; 2] {
+        let mut sums = self.offsets;
+        let (inputs, values) = self.weights.as_chunks().0.split_at(self.inputs.len());
+        for (id, weights) in self.inputs.iter().zip(inputs) {
+            add_rows(&mut sums, slice::from_ref(weights), &[features.get(*id)]);
+        }
+        add_rows(&mut sums, values, eyes.as_flattened());
+        let [yaw, pitch, units @ ..] = sums;
+        let mut turns_deg = [yaw, pitch];
+        for (unit, weights) in units.into_iter().zip(&self.outputs) {
+            turns_deg.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += unit.max(0.0) * weight);
+        }
+        turns_deg.map(bounded_turn_deg)
+    }
+}
+
+impl Model {
+    /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
+    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
+        if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
+            let (seen, features) = (Gaze::of(raw), Features::new(face, Reference::MEAN));
+            let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(&features, eyes), PICTURE_SHARE);
+            Gaze { yaw_pitch_deg, ..seen }.write(&mut raw.0);
+        }
     }
 }
 

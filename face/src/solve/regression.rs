@@ -83,7 +83,7 @@ impl HiddenLayer {
 impl AppearanceLayer {
     fn process(&self, appearance: &Appearance, share: f32) -> [f32; COEFFS] {
         let mut hidden = [0.0; APPEARANCE_UNITS];
-        add_byte_rows(&mut hidden, self.weights.as_chunks().0, appearance.0.as_flattened());
+        add_byte_rows(&mut hidden, self.weights.as_chunks().0, appearance.skin.as_flattened());
         for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
             *unit = *unit * scale + offset;
         }
@@ -190,7 +190,7 @@ mod tests {
 
     fn appearance(value: f32) -> Appearance {
         let mut appearance = Appearance::zero();
-        appearance.0[0][1] = value;
+        appearance.skin[0][1] = value;
         appearance
     }
 

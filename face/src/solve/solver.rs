@@ -135,6 +135,7 @@ impl Solver {
         if let Some(residual) = self.model.residual(appearance, reference.known)? {
             raw = raw.plus(&residual);
         }
+        self.model.look(&mut raw, &face, appearance.map(|appearance| &appearance.eyes));
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
             None if reference.known >= ESTIMATED => NeutralFace::Estimated,

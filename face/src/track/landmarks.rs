@@ -1,5 +1,6 @@
 //! The points of a face, the region of the picture where the next frame's are expected, and how the skin looks.
 
+use super::eyes::EyeValues;
 use super::feature_map::{FeatureMap, bounds};
 use super::refinement::{FEATURE_SCALE, LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
 use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
@@ -57,19 +58,25 @@ impl<'a> From<&'a Landmarks> for Face<'a> {
     }
 }
 
-/// The values of the feature map at [`APPEARANCE_LANDMARKS`], one row per landmark.
+/// How a face looks to the networks.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Appearance(pub Box<[[f32; APPEARANCE_CHANNELS]]>);
+pub struct Appearance {
+    /// The values of the feature map at [`APPEARANCE_LANDMARKS`], one row per landmark.
+    pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
+    /// What the network of the eyes gives.
+    pub eyes: EyeValues,
+}
 
 impl Appearance {
     /// All values 0.
     pub fn zero() -> Self {
-        Self(vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into())
+        let skin = vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into();
+        Self { skin, eyes: EyeValues::default() }
     }
 
     /// Samples the map of a network at landmarks whose coordinates count samples of the network's input.
     pub(super) fn sample(&mut self, map: FeatureMap, landmarks: &Landmarks) {
-        for (values, &index) in self.0.iter_mut().zip(&APPEARANCE_LANDMARKS) {
+        for (values, &index) in self.skin.iter_mut().zip(&APPEARANCE_LANDMARKS) {
             let [x, y, _] = landmarks.0.get(usize::from(index)).copied().unwrap_or_default();
             map.sample([x, y].map(|value| value * FEATURE_SCALE - 0.5), values);
         }
@@ -155,7 +162,7 @@ mod tests {
         }
         let mut appearance = Appearance::zero();
         appearance.sample(FeatureMap::new(&map()), &landmarks);
-        for (values, index) in appearance.0.iter().zip(APPEARANCE_LANDMARKS) {
+        for (values, index) in appearance.skin.iter().zip(APPEARANCE_LANDMARKS) {
             // A cell of the map covers four samples of the picture, and its values are those of its centre.
             let [x, y, _] = landmarks.0[usize::from(index)].map(|value| (value - 2.0) / 4.0);
             assert!(

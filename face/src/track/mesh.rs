@@ -9,6 +9,7 @@ use crate::picture::Picture;
 
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
+use super::eyes::{EyePicture, Eyes};
 use super::feature_map::{FeatureMap, Transform};
 use super::landmarks::{Appearance, Face, FaceBox, Landmarks};
 use super::refinement::{
@@ -64,6 +65,7 @@ pub struct Mesh {
     backbone: Box<dyn Network>,
     heads: Vec<Head>,
     block: Block,
+    eyes: Eyes,
     landmarks: Landmarks,
     appearance: Appearance,
     by_turns: bool,
@@ -88,6 +90,7 @@ impl Mesh {
             backbone: engine.load(&BACKBONE)?,
             heads: REFINEMENTS.iter().map(head).collect::<Result<_, _>>()?,
             block: Block::default(),
+            eyes: Eyes::load()?,
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
             by_turns: false,
@@ -127,7 +130,14 @@ impl Mesh {
         self.turn = Some(self.turn.map_or(0, |turn| (turn + 1) % self.heads.len()));
         self.appearance.sample(map, &self.landmarks);
         to_picture(region, &mut self.landmarks);
+        self.eyes.look(picture, region, &self.landmarks, &mut self.block);
+        self.appearance.eyes = self.eyes.read()?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
+    }
+
+    /// The pictures of the right and the left eye that was found last.
+    pub fn eye_pictures(&self) -> &[EyePicture; 2] {
+        &self.eyes.pictures
     }
 
     /// The face that was found last.

@@ -4,6 +4,7 @@
 mod block;
 mod crop;
 mod detector;
+mod eyes;
 mod feature_map;
 mod landmarks;
 mod mesh;
@@ -15,6 +16,7 @@ use crate::picture::Picture;
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
+pub use eyes::{EYE_SIDE, EyePicture, EyeValues, Eyes};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use feature_map::Transform;
 pub use feature_map::bounds;

@@ -22,7 +22,8 @@ const TRACE: f32 = 0.15;
 /// Probability that the partner of a random shape moves, too, and the factor on its strength.
 const PAIRED: f64 = 0.6;
 const PARTNER_SCALE: Range<f32> = 0.7..1.3;
-/// Share of the faces of [`Kind::Gaze`] that look nearly straight ahead, as people mostly do.
+/// Shares of the faces of [`Kind::Gaze`] that are calm, and that look nearly straight ahead, as people mostly do.
+const CALM_LOOKS: f64 = 0.3;
 const SMALL_LOOKS: f64 = 0.4;
 /// Number of shapes that are added to a composed face, and that a grimace consists of.
 const ADDED: RangeInclusive<usize> = 1..=4;
@@ -44,7 +45,7 @@ pub enum Kind {
     Single,
     /// Three to six random shapes
     Combined,
-    /// A calm face, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
+    /// A face, calm or not, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
     Gaze,
     /// No expression, to teach what turning the head alone looks like
     Rest,
@@ -210,10 +211,11 @@ impl Moments {
         face
     }
 
-    /// Returns a calm face whose lids may be lowered, and whose eyes look anywhere.
+    /// Returns a face whose lids may be lowered, and whose eyes look anywhere.
     fn looking(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let source = self.source(rng);
-        let mut face = scaled(rng, source, CALM);
+        let range = if rng.random_bool(CALM_LOOKS) { CALM } else { SCALE };
+        let mut face = scaled(rng, source, range);
         let lowered = rng.random_range(-1.0..0.6_f32).max(0.0);
         raise(rng, &mut face, index_of("eyeBlinkLeft"), lowered);
         let spread = if rng.random_bool(SMALL_LOOKS) { 0.25 } else { 1.0 };

@@ -6,7 +6,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 use facewire_face::{BLENDSHAPES, COEFFS, LANDMARKS};
 use half::f16;
 use npyz::Deserialize;
@@ -43,8 +42,8 @@ pub fn check(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns the values of the feature map in
-/// the pictures of a subject, which are not all in memory at the same time.
+/// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns how the faces in the pictures of a subject
+/// look, which are not all in memory at the same time.
 pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(u64) -> Result<Vec<f16>>) -> Result<()> {
     let rows = || subjects.iter().flat_map(|rows| rows.chunks_exact(ROW));
     let pictures = rows().count() as u64;
@@ -59,7 +58,7 @@ pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(u64) -> Resu
         let numbers = (0_i32..).zip(subjects);
         let numbers = numbers.map(|(number, rows)| Ok(core::iter::repeat_n(number, rows.len() / ROW)));
         write_array(archive, "subject", &[pictures], numbers)?;
-        let shape = [pictures, APPEARANCE_LANDMARKS.len() as u64, APPEARANCE_CHANNELS as u64];
+        let shape = [pictures, APPEARANCE as u64];
         write_array(archive, dataset::FEATURES, &shape, (0..subjects.len() as u64).map(appearance))
     })
 }
@@ -175,7 +174,7 @@ mod tests {
         assert_eq!(samples[2].truth[2], f64::from(2.0 + 1436.0_f32 / 4096.0));
         assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "pitch nods down in the file");
         let appearances = dataset::load_appearances(&[&out], samples.len()).expect("read").expect("features");
-        assert_eq!([0, 1, 2].map(|row| appearances.of(row).0[179][31]), [0.0, 0.0, 2.0]);
+        assert_eq!([0, 1, 2].map(|row| appearances.of(row).skin[179][31]), [0.0, 0.0, 2.0]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::dataset::Appearances;
 
 /// Numbers per row: landmarks, weights, pose, meta, and the number of attempts until the face was found.
 pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + 1;
-pub const APPEARANCE: usize = Appearances::VALUES;
+pub const APPEARANCE: usize = Appearances::ROW;
 /// Numbers that describe a picture: skin, brow, eye, distance, and whether it is neutral.
 pub const META: usize = 5;
 /// Largest number of attempts to draw a picture in which the face is found.
@@ -81,8 +81,10 @@ impl<'a> Worker<'a> {
             self.imager.times[2] += thread_time_s() - start;
             if let Some(face) = found {
                 rows.numbers.extend(row(face.landmarks.0.as_flattened(), subject, &spec, tries));
-                let looks = face.appearance.iter().flat_map(|appearance| appearance.0.as_flattened());
-                rows.appearance.extend(looks.map(|value| f16::from_f32(*value)));
+                let skin = face.appearance.iter().flat_map(|appearance| appearance.skin.as_flattened());
+                rows.appearance.extend(skin.map(|value| f16::from_f32(*value)));
+                let eyes = self.finder.mesh.eye_pictures().as_flattened();
+                rows.appearance.extend(eyes.iter().map(|pixel| f16::from_f32(f32::from(*pixel))));
                 return Ok(Some(jpeg));
             }
         }

@@ -175,7 +175,7 @@ impl EyesTable {
             weights.extend(row::<EYE_SUMS>("eyes.values", own)?);
         }
         if (self.values.len(), self.outputs.len()) != (2 * EYE_VALUES, EYE_SUMS - 2) {
-            return Err(invalid("eyes", "has not one row for each value and each unit"));
+            return Err(invalid("eyes", "has not as many rows as there are values of both eyes, and units"));
         }
         Ok(EyesLayer {
             inputs: self.inputs.keys().map(|name| feature("eyes.inputs", name)).collect::<Result<_, _>>()?,
@@ -526,6 +526,11 @@ pub(super) mod tests {
             ("gaze.inputs.x468", "gaze.inputs.x468.weights", "[1e300]"),
             ("\"x999\" in gaze.inputs", "gaze.inputs.x999", input),
             ("gaze.offsets.neutral_unknown", "gaze.offsets.neutral_unknown", "[0.0, 0.0, 0.0]"),
+            ("eyes.inputs.x468", "eyes.inputs.x468", "[1e300]"),
+            ("\"x999\" in eyes.inputs", "eyes.inputs.x999", "[]"),
+            ("eyes.offsets", "eyes.offsets", &units),
+            ("eyes of the model file has not as many rows", "eyes.values", "[]"),
+            ("eyes of the model file has not as many rows", "eyes.outputs", "[[0.0, 0.0]]"),
             ("correction.jawOpen", "correction.jawOpen", &terms("-0.2", "[0.4, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("0.2", "[0.8, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("nan", "[0.4, 0.8]")),

@@ -20,7 +20,7 @@ use crate::track::EyeValues;
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
 /// Share of that direction in a small turn, for yaw and pitch.
-const SMALL_TURN_SHARES: [f32; 2] = [0.5, 0.6];
+const SMALL_TURN_SHARES: [f32; 2] = [0.4, 0.6];
 /// What a wide turn adds to these shares.
 const WIDE_TURN_ADDS: f32 = 0.4;
 /// The turns between which the regression's share rises, degrees.

@@ -6,8 +6,7 @@
 
 use std::fmt::Display;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::atomic::{AtomicBool, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
 use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -56,12 +55,6 @@ struct Shared {
     open: AtomicBool,
     has_receiver: AtomicBool,
     panel: Arc<Panel>,
-}
-
-impl Shared {
-    fn stopping(&self) -> bool {
-        self.stop.load(Acquire)
-    }
 }
 
 /// A device with its thread. When it is dropped, the thread writes the last message and ends by itself.
@@ -129,7 +122,7 @@ impl Drop for Background {
 /// Writes messages until it is told to stop, and logs what happens to the device: on this thread, that delays no sender.
 fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     let (handover_end, mut retry) = (Instant::now() + HANDOVER, Retry::default());
-    while !shared.stopping() {
+    while !shared.stop.load(Acquire) {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
         let mut is_handover = false;
@@ -147,7 +140,7 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
         }
         let wait = if is_handover { RETRY_PERIOD } else { retry.back_off.wait() };
         let end = Instant::now() + wait;
-        while !shared.stopping() && Instant::now() < end {
+        while !shared.stop.load(Acquire) && Instant::now() < end {
             thread::park_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
@@ -171,7 +164,7 @@ fn session(
     shared.panel.note(None);
     loop {
         // Read before the message, so that a message given before the end is still written.
-        let stopping = shared.stopping();
+        let stopping = shared.stop.load(Acquire);
         if newest.update() {
             let took = device.write(&mut open, newest.peek_output_buffer());
             let is_taken = matches!(took, Ok(true));

@@ -357,14 +357,9 @@ mod tests {
 
     #[test]
     fn two_links_that_listen_at_one_port_are_refused() {
-        for (earlier, is_refused) in [
-            ("127.0.0.1:5000", true),
-            ("0.0.0.0:5000", true),
-            ("[::]:5000", true),
-            ("127.0.0.1:5001", false),
-            ("127.0.0.2:5000", false),
-            ("[::1]:5000", false),
-        ] {
+        let taken = ["127.0.0.1:5000", "0.0.0.0:5000", "[::]:5000"].map(|at| (at, true));
+        let free = ["127.0.0.1:5001", "127.0.0.2:5000", "[::1]:5000"].map(|at| (at, false));
+        for (earlier, is_refused) in taken.into_iter().chain(free) {
             let [one, other] = [earlier, "127.0.0.1:5000"].map(|listen| format!("listen = \"{listen}\"\n"));
             let faults = faults(&[IFACIALMOCAP, &one, IFACIALMOCAP, &other]);
             let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
@@ -418,26 +413,20 @@ mod tests {
     }
 
     #[test]
-    fn sums_that_can_leave_their_range_are_noted_and_others_are_not() {
+    fn sums_that_can_leave_their_range_and_names_that_not_every_receiver_reads_are_noted_and_others_are_not() {
         let noted = |text: &[&str]| notes(&parse("file", &text.concat()).unwrap());
         assert!(noted(&[MAESTRO, JAW, "[link.adjust]\njawOpen = { gain = 0.5, offset = 0.5 }\n"]).is_empty());
         let adjust = "adjust = { jawOpen = { gain = 2.0, max = 0.8 } }\n";
         let limited = "and is limited to 0 to 1; with smaller numbers it would use its whole range";
-        assert_eq!(
-            noted(&["[adjust]\njawLeft = { offset = -0.5 }\n", MAESTRO, adjust, JAW, "offset = 0.25\n"]),
-            [
-                "adjust.jawLeft: gain * value + offset goes from -0.5 to 0.5 and is limited to 0 to 1",
-                "link.adjust.jawOpen: gain * value + offset goes from 0 to 2 and is limited to 0 to 0.8",
-                &format!("channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 {limited}"),
-            ]
-        );
-    }
-
-    #[test]
-    fn live_link_has_datagrams_of_312_bytes_and_names_that_make_others_are_told() {
-        let told = |keys| notes(&parse("test", &format!("[[link]]\nkind = \"live-link\"\n{keys}")).unwrap()).concat();
-        assert_eq!(told(""), "");
-        let notes = told("subject = \"facewire\"\n");
+        let want = [
+            "adjust.jawLeft: gain * value + offset goes from -0.5 to 0.5 and is limited to 0 to 1",
+            "link.adjust.jawOpen: gain * value + offset goes from 0 to 2 and is limited to 0 to 0.8",
+            &format!("channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 {limited}"),
+        ];
+        assert_eq!(noted(&["[adjust]\njawLeft = { offset = -0.5 }\n", MAESTRO, adjust, JAW, "offset = 0.25\n"]), want);
+        let live_link = "[[link]]\nkind = \"live-link\"\n";
+        assert!(noted(&[live_link]).is_empty(), "its datagrams have 312 bytes");
+        let notes = noted(&[live_link, "subject = \"facewire\"\n"]).concat();
         assert!(notes.contains("the datagrams have 314 bytes") && notes.contains("6 characters"), "{notes}");
     }
 }

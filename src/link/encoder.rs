@@ -1,7 +1,6 @@
 //! Which bytes a link sends: the format of each kind, with the options that its settings give.
 
-use std::sync::Arc;
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use facewire_packet::formats::dmx::cid;
 use facewire_packet::formats::vrchat::{self, Group, Parameter};

@@ -18,11 +18,7 @@ pub mod pca9685;
 mod serial;
 mod udp;
 
-use std::fmt::Display;
-use std::io;
-use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
+use std::{fmt::Display, io, sync::Arc, sync::atomic::Ordering::Relaxed, time::Duration};
 
 use facewire_board::{Attached, latency_remedy, root};
 pub use facewire_packet::Pose;
@@ -40,7 +36,7 @@ pub use self::panel::{Panel, Traffic};
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings, Pca9685Settings};
+use crate::config::{JsonTarget, LinkKind, LinkSettings, Pca9685Settings};
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -54,7 +50,7 @@ pub struct Link {
     udp: Option<UdpCarrier>,
     /// What may block. A link to receivers that ask for the face can have both.
     device: Option<Background>,
-    panel: Arc<Panel>,
+    pub panel: Arc<Panel>,
     sequence: u16,
     shown: Shown,
     pace: Pace,
@@ -123,12 +119,13 @@ impl Link {
                 let server = it.listen.map(|listen| ifacialmocap::Server::new(listen, it.reply_port));
                 server.map(|server| Background::start(settings, "fw-subscribe", server, others)).transpose()?
             }
-            LinkKind::Json(JsonSettings { to: JsonTarget::Stdout }) => {
-                Some(Background::start(settings, "fw-stdout", json::Stdout, shared())?)
-            }
-            LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) => {
-                Some(Background::start(settings, "fw-socket", json::Server::new(path), shared())?)
-            }
+            LinkKind::Json(it) => match &it.to {
+                JsonTarget::Stdout => Some(Background::start(settings, "fw-stdout", json::Stdout, shared())?),
+                JsonTarget::Unix(path) => {
+                    Some(Background::start(settings, "fw-socket", json::Server::new(path), shared())?)
+                }
+                JsonTarget::Udp(_) => None,
+            },
             _ => None,
         };
         let (encoder, shown, pace) = (encoder_of(&settings.kind, &panel.dials), Shown::default(), Pace::default());
@@ -195,7 +192,7 @@ impl Link {
             self.encode(&output);
         }
         self.panel.is_open.store(self.is_open(), Relaxed);
-        self.panel.refusal.store(self.udp.as_ref().and_then(UdpCarrier::refusal).unwrap_or(0), Relaxed);
+        self.panel.refusal.store(self.udp.as_ref().and_then(|udp| udp.refusal).unwrap_or(0), Relaxed);
         wait_us
     }
 
@@ -227,10 +224,6 @@ impl Link {
         self.udp.as_ref().is_some_and(UdpCarrier::is_open) || self.device.as_ref().is_some_and(Background::is_open)
     }
 
-    pub fn panel(&self) -> &Arc<Panel> {
-        &self.panel
-    }
-
     /// Asks to look up the receiver's address now.
     pub fn refresh(&self) {
         self.udp.iter().for_each(UdpCarrier::refresh);
@@ -249,8 +242,7 @@ impl Link {
 
 #[cfg(test)]
 mod testing {
-    use std::thread;
-    use std::time::Instant;
+    use std::{thread, time::Instant};
 
     use facewire_packet::{BLENDSHAPES, State};
 

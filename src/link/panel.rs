@@ -69,15 +69,10 @@ impl Panel {
             let [target, position, pulse_us] = [&dial.target, &dial.position, &dial.place].map(Number::get);
             ChannelStatus { number: dial.number, target, position, pulse_us }
         };
-        LinkStatus {
-            name: format!("{kind} {}", self.receiver),
-            kind: kind.to_owned(),
-            open: self.is_open.load(Relaxed),
-            sent: self.sent.load(Relaxed),
-            dropped: self.dropped.load(Relaxed),
-            trouble: self.trouble(),
-            channels: self.dials.channels.iter().map(channel).collect(),
-        }
+        let (name, kind, open) = (format!("{kind} {}", self.receiver), kind.to_owned(), self.is_open.load(Relaxed));
+        let [sent, dropped] = [&self.sent, &self.dropped].map(|count| count.load(Relaxed));
+        let channels = self.dials.channels.iter().map(channel).collect();
+        LinkStatus { name, kind, open, sent, dropped, trouble: self.trouble(), channels }
     }
 
     /// The last trouble since the device was opened, or since the host was found.

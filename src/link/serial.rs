@@ -23,7 +23,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
@@ -81,7 +81,7 @@ impl PortClaim {
         if !node.file_type().is_char_device() {
             return Err(refused(device, Errno::NOTTY));
         }
-        let mut claims = claims();
+        let mut claims = CLAIMS.lock().unwrap_or_else(PoisonError::into_inner);
         let Some((_, holder)) = claims.iter().find(|(claimed, _)| *claimed == node.rdev()) else {
             claims.push((node.rdev(), device.to_owned()));
             return Ok(Self(node.rdev()));
@@ -102,12 +102,8 @@ impl PortClaim {
 
 impl Drop for PortClaim {
     fn drop(&mut self) {
-        claims().retain(|(claimed, _)| *claimed != self.0);
+        CLAIMS.lock().unwrap_or_else(PoisonError::into_inner).retain(|(claimed, _)| *claimed != self.0);
     }
-}
-
-fn claims() -> MutexGuard<'static, Vec<(u64, PathBuf)>> {
-    CLAIMS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Opens a serial port without claiming it. Reading and writing wait for `timeout` at most. If this restarts the board,
@@ -344,10 +340,8 @@ mod tests {
                 }
                 unsent_bytes = f64::max(0.0, unsent_bytes - bytes_per_s / f64::from(packets_hz));
             }
-            assert!(
-                most_taken.contains(&taken) && longest_s <= FRAME_BYTES as f64 / bytes_per_s,
-                "{taken} {longest_s}"
-            );
+            let is_in_time = longest_s <= FRAME_BYTES as f64 / bytes_per_s;
+            assert!(most_taken.contains(&taken) && is_in_time, "{taken} {longest_s}");
         }
     }
 

@@ -31,7 +31,8 @@ pub struct UdpCarrier {
     /// Wakes the thread that looks a host name up. The thread ends when this is dropped.
     lookup: Option<SyncSender<()>>,
     panel: Arc<Panel>,
-    refusal: Option<i32>,
+    /// The system's error number if the network refused the last message.
+    pub refusal: Option<i32>,
 }
 
 impl UdpCarrier {
@@ -74,10 +75,6 @@ impl UdpCarrier {
     /// Whether messages reach the network at present.
     pub fn is_open(&self) -> bool {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
-    }
-
-    pub fn refusal(&self) -> Option<i32> {
-        self.refusal
     }
 
     /// Asks to look up the receiver's address now.
@@ -229,7 +226,7 @@ mod tests {
             let socket = receiver(&address);
             link.send(MESSAGE);
             let length = socket.recv(&mut bytes).unwrap();
-            assert_eq!((&bytes[..length], link.refusal(), counts(&link.panel)), (MESSAGE, None, [11, 0]));
+            assert_eq!((&bytes[..length], link.refusal, counts(&link.panel)), (MESSAGE, None, [11, 0]));
         }
     }
 

@@ -138,7 +138,7 @@ impl Links {
                 Link::resolve(settings)?;
             }
             let link = Link::open(settings, traffic)?;
-            let panel = Arc::clone(link.panel());
+            let panel = Arc::clone(&link.panel);
             Ok((settings.clone(), panel, Some(link)))
         };
         let links = new.links.iter().map(open).collect::<Result<_, _>>()?;

@@ -120,9 +120,7 @@ impl Pipeline {
     }
 
     pub fn forget_face(&mut self) {
-        if let Some(tracker) = &mut self.tracker {
-            tracker.forget();
-        }
+        self.tracker.iter_mut().for_each(Tracker::forget);
     }
 }
 

@@ -1,8 +1,6 @@
 //! Trying again what failed because something is away: a camera, a serial port, a host, a file.
 
-use std::collections::VecDeque;
-use std::fmt::Display;
-use std::time::Duration;
+use std::{collections::VecDeque, fmt::Display, time::Duration};
 
 pub const LONGEST_WAIT: Duration = Duration::from_secs(1);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
@@ -20,7 +18,7 @@ impl BackOff {
 }
 
 /// The reasons that were logged since the last success, so that the log does not repeat itself with every attempt, even
-/// if two reasons alternate.
+/// if two reasons alternate. Start with a new value after a success.
 #[derive(Debug, Default)]
 pub struct LoggedReasons(VecDeque<String>);
 
@@ -35,10 +33,6 @@ impl LoggedReasons {
             self.0.push_front(reason.to_owned());
         }
         is_new
-    }
-
-    pub fn clear(&mut self) {
-        self.0.clear();
     }
 }
 
@@ -66,7 +60,7 @@ mod tests {
     fn each_reason_is_logged_once_until_an_attempt_succeeds_even_if_reasons_alternate() {
         let mut logged = LoggedReasons::default();
         assert_eq!(["a", "a", "b", "a", "b"].map(|reason| logged.is_new(reason)), [true, false, true, false, false]);
-        logged.clear();
+        logged = LoggedReasons::default();
         assert!(logged.is_new("a"));
         assert!((0..100).all(|number| logged.is_new(&number.to_string())));
         assert_eq!(logged.0.len(), MAX_REASONS, "memory is bounded");

@@ -144,9 +144,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
     let (mut pipeline, mut camera) = (Pipeline::load(settings, true)?, OpenCamera::open(&settings.camera)?);
     let outcome = guide(&mut camera, &mut pipeline);
     // A camera that does not close must not cost the result.
-    if let Err(error) = camera.close() {
-        say(error);
-    }
+    camera.source.close().unwrap_or_else(say);
     outcome
 }
 

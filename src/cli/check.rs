@@ -147,7 +147,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         }
         delivered = watch.deliveries(&mut *camera.source).or(delivered);
     }
-    camera.close()?;
+    camera.source.close()?;
     if let Some(delivery) = delivered {
         let fps = delivery.fps() * (1.0 - delivery.lost_share());
         found += &format!("; delivers {fps:.1} frames a second");

@@ -71,10 +71,6 @@ impl OpenCamera {
         }
         Ok(())
     }
-
-    pub fn close(self) -> Result<(), CaptureError> {
-        self.source.close()
-    }
 }
 
 /// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`. A

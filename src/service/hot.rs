@@ -169,7 +169,7 @@ impl HotLoop {
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
-        camera.close()?;
+        camera.source.close()?;
         outcome
     }
 
@@ -201,9 +201,8 @@ impl HotLoop {
             let step = self.counters.step();
             self.timing.set_step(step);
             camera.source.leave_out_until(self.timing.wanted_us());
-            if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
-                tracker.set_turns(step.has_turns());
-            }
+            let trackers = self.pipeline.iter_mut().filter_map(|pipeline| pipeline.tracker.as_mut());
+            trackers.for_each(|tracker| tracker.set_turns(step.has_turns()));
             let outcome = match camera.next() {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {
@@ -370,8 +369,7 @@ fn add(counter: &AtomicU64, count: u64) {
 
 #[cfg(test)]
 mod tests {
-    use std::io;
-    use std::sync::atomic::AtomicU32;
+    use std::{io, sync::atomic::AtomicU32};
 
     use super::*;
     use crate::capture::DEMO;
@@ -451,10 +449,8 @@ mod tests {
         let error = bound.join().unwrap();
         assert!(error.starts_with("network detector failed to run (the device has hung up)"), "{error}");
         let told: Vec<Event> = told.try_iter().collect();
-        assert!(
-            matches!(&*told, [Event::Opened(_), Event::EngineFailed(_), Event::EngineReloaded]),
-            "the log is told once: {told:?}"
-        );
+        let is_told_once = matches!(&*told, [Event::Opened(_), Event::EngineFailed(_), Event::EngineReloaded]);
+        assert!(is_told_once, "{told:?}");
         let counts = [&counters.no_face, &counters.rejected, &counters.engine_failures];
         assert_eq!(counts.map(|count| count.load(Relaxed)), [3, 16, 16]);
         assert_eq!(CPUS_OF_LOADER.load(Relaxed), cpus.count(), "not bound to the CPU of the hot loop");

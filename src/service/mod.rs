@@ -143,7 +143,7 @@ pub fn run(
         drop(stop);
         ends_before(Instant::now() + DISK_PATIENCE, || thread.is_finished());
     }
-    supervisor.log_events();
+    supervisor.events.try_iter().for_each(|event| supervisor.log.event(event));
     ended
 }
 

@@ -80,10 +80,6 @@ impl Supervisor {
         }
     }
 
-    pub(super) fn log_events(&mut self) {
-        self.events.try_iter().for_each(|event| self.log.event(event));
-    }
-
     fn reload(&mut self) {
         if self.reloader.change.is_none() {
             self.reloader.askers.extend(self.reloader.asked.try_iter());
@@ -100,12 +96,9 @@ impl Supervisor {
         let (counters, adaptation) = (&self.counters, &mut self.adaptation);
         let load = self.load.read().filter(|_| counters.camera_open.load(Relaxed));
         let before = (adaptation.step, adaptation.picture.is_small);
-        let conditions = Conditions {
-            is_allowed: self.reloader.live.adaptation.enabled,
-            load,
-            impaired_by: counters.impairments.present(),
-            has_smaller_mode: counters.has_smaller_mode.load(Relaxed),
-        };
+        let (is_allowed, impaired_by) = (self.reloader.live.adaptation.enabled, counters.impairments.present());
+        let has_smaller_mode = counters.has_smaller_mode.load(Relaxed);
+        let conditions = Conditions { is_allowed, load, impaired_by, has_smaller_mode };
         adaptation.update(now_us, &conditions);
         let Adaptation { step, cause, .. } = *adaptation;
         if step != before.0 {
@@ -132,9 +125,10 @@ impl Supervisor {
         }
         notify(NotifyState::Status(&self.log.status(&self.counters)));
         let refused = |panel: &Arc<Panel>| Some(format!("link {}: {}", panel.receiver, panel.refusal()?));
-        let Some(line) = self.counters.panels().iter().find_map(refused) else { return self.log.refusals.clear() };
-        if self.log.refusals.is_new(&line) {
-            tracing::warn!("{line}");
+        match self.counters.panels().iter().find_map(refused) {
+            Some(line) if self.log.refusals.is_new(&line) => tracing::warn!("{line}"),
+            Some(_) => {}
+            None => self.log.refusals = LoggedReasons::default(),
         }
     }
 
@@ -162,13 +156,13 @@ pub(super) struct Log {
 
 impl Log {
     /// Logs an event. Repeated attempts that fail for the same reason are logged once.
-    fn event(&mut self, event: Event) {
+    pub(super) fn event(&mut self, event: Event) {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
                 (self.camera, self.is_open) = (format!("camera opened: {camera}"), true);
                 tracing::info!("{}", self.camera);
-                self.blind_reasons.clear();
+                self.blind_reasons = LoggedReasons::default();
             }
             Event::Blind(what, reason) => {
                 if self.blind_reasons.is_new(&reason) {

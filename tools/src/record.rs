@@ -12,8 +12,7 @@ use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use base64::Engine as _;
-use base64::prelude::BASE64_STANDARD;
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use clap::Args;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -133,9 +132,7 @@ fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> 
     let mut camera = OpenCamera::open(&settings.camera)?;
     let begin = format!("recording from {}", camera.source.describe());
     let outcome = record(args, stop, &begin, || Ok(camera.next()?.map(|frame| pipeline.process(&frame).record())));
-    if let Err(error) = camera.close() {
-        say(error);
-    }
+    camera.source.close().unwrap_or_else(say);
     outcome
 }
 

@@ -21,8 +21,7 @@ use std::sync::{Arc, PoisonError, mpsc};
 use std::thread::{Builder, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
-use base64::Engine as _;
-use base64::prelude::BASE64_STANDARD;
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use facewire_packet::control::{Drive, PictureHead, Progress, Refusal, Reply, Request, Status};
 use facewire_packet::{BLENDSHAPES, Packet, Pose, Reason};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -327,24 +326,18 @@ impl Server {
         client.flush()?;
         let answer = match task {
             Task::Ask | Task::Leave if client.has_waited(client.patience()) => return Err(ErrorKind::TimedOut.into()),
-            Task::Ask => {
-                *task = self.hear(client)?;
-                None
-            }
-            Task::Leave => None,
+            Task::Ask => return self.hear(client).map(|heard| *task = heard),
+            Task::Leave => return Ok(()),
             Task::Drive => self.drive(client)?.map(|why| {
                 tracing::info!("the driver is refused: {why}");
                 (Reply::Refused(why), Vec::new())
             }),
             _ if client.has_gone(STREAM_PATIENCE) => return Err(ErrorKind::ConnectionReset.into()),
-            Task::Watch => {
-                packet.filter(|_| !client.is_behind()).map_or(Ok(()), |packet| client.send(packet))?;
-                None
-            }
+            Task::Watch if client.is_behind() => return Ok(()),
+            Task::Watch => return packet.map_or(Ok(()), |packet| client.send(packet)),
             Task::Record(recording) => {
                 let is_camera_open = self.peers.counters.camera_open.load(Relaxed);
-                recording.step(client, &mut self.peers.recorded, is_camera_open, monotonic_us())?;
-                None
+                return recording.step(client, &mut self.peers.recorded, is_camera_open, monotonic_us());
             }
             Task::Calibrate(name, stage) => self.calibrate(client, name, stage)?.map(|reply| (reply, Vec::new())),
             Task::Wait(answer) => answer(),
@@ -415,7 +408,7 @@ impl Server {
             }
             Request::Record {} => {
                 tracing::info!("recording begins");
-                Task::Record(Recording::new(monotonic_us()))
+                Task::Record(Recording { sent_us: monotonic_us(), ..Recording::default() })
             }
             Request::Calibrate { .. } if self.is_any(|task| matches!(task, Task::Calibrate(..))) => {
                 return Err("another calibration is in progress: try again when it has ended".into());
@@ -501,8 +494,7 @@ impl Server {
                 self.set_driven(Some((link, channel, position)), None);
             }
             Drive::Puppet { coefficients, head_deg } => {
-                let pose = puppet_pose(&coefficients, head_deg)?;
-                self.set_driven(None, Some(pose));
+                self.set_driven(None, Some(puppet_pose(&coefficients, head_deg)?));
             }
         }
         self.drive_until(monotonic_us() + DRIVE_PATIENCE.as_micros() as u64);
@@ -523,19 +515,14 @@ impl Server {
     }
 
     fn status(&self) -> Status {
-        let counters = &self.peers.counters;
-        let operator = &counters.traffic.operator;
-        Status {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            metrics: metrics::page(counters),
-            wearer: counters.wearer().map(|name| name.to_string()),
-            config: self.config.clone(),
-            settings_refused: counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone(),
-            released: operator.is_released.load(Relaxed),
-            driven: operator.is_driven.load(Relaxed),
-            picture: self.settings.console.picture,
-            links: counters.panels().iter().map(|panel| panel.status()).collect(),
-        }
+        let (counters, operator) = (&self.peers.counters, &self.peers.counters.traffic.operator);
+        let [released, driven] = [&operator.is_released, &operator.is_driven].map(|flag| flag.load(Relaxed));
+        let settings_refused = counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let (wearer, links) = (counters.wearer().map(|name| name.to_string()), counters.panels());
+        let links = links.iter().map(|panel| panel.status()).collect();
+        let (version, picture) = (env!("CARGO_PKG_VERSION").to_owned(), self.settings.console.picture);
+        let (metrics, config) = (metrics::page(counters), self.config.clone());
+        Status { version, metrics, wearer, config, settings_refused, released, driven, picture, links }
     }
 
     fn delete(&self, name: WearerName) -> Task {
@@ -581,7 +568,8 @@ impl Server {
     fn calibrate(&mut self, client: &mut Client, name: &WearerName, stage: &mut Stage) -> io::Result<Option<Reply>> {
         let next = match stage {
             Stage::Load(guide) => poll_outcome(guide).map(|guide| {
-                let guiding = |guide| Stage::Guide(Box::new(Guiding::new(guide, monotonic_us())));
+                let guiding =
+                    |guide| Stage::Guide(Box::new(Guiding { guide, observed_us: monotonic_us(), told: None }));
                 guide.flatten().map(guiding)
             }),
             Stage::Guide(guiding) => self.guide(client, guiding)?.map(|outcome| {
@@ -602,15 +590,11 @@ impl Server {
     }
 
     /// Shows the guide what the hot loop has seen. Returns the guide's outcome.
-    fn guide(
-        &mut self,
-        client: &mut Client,
-        guiding: &mut Guiding,
-    ) -> io::Result<Option<Result<Calibration, Refusal>>> {
+    fn guide(&mut self, client: &mut Client, guided: &mut Guiding) -> io::Result<Option<Result<Calibration, Refusal>>> {
         loop {
             let next = self.peers.observed.take();
-            guiding.step(client, next.as_ref(), monotonic_us())?;
-            let outcome = guiding.guide.outcome();
+            guided.step(client, next.as_ref(), monotonic_us())?;
+            let outcome = guided.guide.outcome();
             if next.is_none() || outcome.is_some() {
                 return Ok(outcome);
             }
@@ -731,10 +715,6 @@ struct Guiding {
 }
 
 impl Guiding {
-    fn new(guide: Guide, now_us: u64) -> Self {
-        Self { guide, observed_us: now_us, told: None }
-    }
-
     /// Passes an observation on, or reports that none came for too long, and sends the progress to the client.
     fn step(&mut self, client: &mut Client, observation: Option<&Observation>, now_us: u64) -> io::Result<()> {
         let silent_s = now_us.saturating_sub(self.observed_us) as f32 / 1e6;
@@ -756,6 +736,7 @@ impl Guiding {
     }
 }
 
+#[derive(Default)]
 struct Recording {
     sent_us: u64,
     /// The last entry: its time on the clock of the frames, the time when it was made, and whether it was a frame.
@@ -766,10 +747,6 @@ struct Recording {
 }
 
 impl Recording {
-    fn new(now_us: u64) -> Self {
-        Self { sent_us: now_us, last: None, refused: 0, lost: 0 }
-    }
-
     /// Sends what the new frames show, how many were lost, and once a second that no camera is open.
     fn step(
         &mut self,

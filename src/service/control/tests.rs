@@ -78,10 +78,6 @@ impl Rig {
         self.server.serve();
     }
 
-    fn has(&self, does: fn(&Task) -> bool) -> bool {
-        self.server.is_any(does)
-    }
-
     fn refused(&mut self, request: Request) -> String {
         match self.ask(request).next() {
             Some(Reply::Refused(why)) => why,
@@ -212,16 +208,6 @@ fn a_disk_that_takes_a_profile_slowly_holds_up_no_release() {
 }
 
 #[test]
-fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
-    let mut rig = Rig::new();
-    let answers = rig.calibrate("anna");
-    assert!(rig.refused(calibrate("bert")).contains("in progress"));
-    drop(answers);
-    rig.server.serve();
-    rig.calibrate("bert");
-}
-
-#[test]
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     for (folder_mode, mode) in [(None, 0o600), (Some(0o710), 0o660), (Some(0o755), 0o600)] {
         let mut rig = Rig::new();
@@ -234,11 +220,8 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
         while mode_of(&socket) != Some(mode) {
             thread::yield_now();
         }
-        assert_eq!(
-            mode_of(&run),
-            folder_mode.or(Some(0o700)),
-            "it belongs to its user, and to a group if that is set up"
-        );
+        let of_folder = folder_mode.or(Some(0o700));
+        assert_eq!(mode_of(&run), of_folder, "it belongs to its user, and to a group if that is set up");
         drop(rig.stop);
         control.join().unwrap();
         rig.observer.publish(|| panic!("nobody wants observations any more"));
@@ -247,11 +230,21 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
 }
 
 #[test]
+fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
+    let mut rig = Rig::new();
+    let answers = rig.calibrate("anna");
+    assert!(rig.refused(calibrate("bert")).contains("in progress"));
+    drop(answers);
+    rig.server.serve();
+    rig.calibrate("bert");
+}
+
+#[test]
 fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
     let mut rig = Rig::new();
     let mut answers = rig.calibrate("anna");
     rig.reload(|settings| settings.camera.fps = 60);
-    assert!(rig.has(|task| matches!(task, Task::Calibrate(..))));
+    assert!(rig.server.is_any(|task| matches!(task, Task::Calibrate(..))));
     rig.reload(|settings| settings.solver.model = String::new());
     assert!(matches!(answers.next(), Some(Reply::Refused(why)) if why.contains("model has changed")));
     assert!(rig.server.clients.is_empty() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
@@ -276,7 +269,7 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
 fn recording() -> (Recording, Client, Observer<Recorded>, Observed<Recorded>, Answers) {
     let ((client, far), (observer, mut observed)) = (client(), observer::channel());
     observed.ask(true);
-    (Recording::new(0), client, observer, observed, Answers::of(far))
+    (Recording::default(), client, observer, observed, Answers::of(far))
 }
 
 #[test]
@@ -432,7 +425,7 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
             assert!(!rig.drive(&mut far, ""));
         }
         let told = (!rig.drive(&mut far, last)).then(|| Answers::of(far).next()).unwrap();
-        assert!(!rig.has(|task| matches!(task, Task::Drive)), "{last}");
+        assert!(!rig.server.is_any(|task| matches!(task, Task::Drive)), "{last}");
         assert!(why.is_none_or(|why| matches!(told, Some(Reply::Refused(told)) if told.contains(why))), "{last}");
     }
 }
@@ -458,17 +451,12 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
         }
         let is_released = random.u32(..10) == 0;
         panels[1].dials.operator.is_released.store(is_released, Relaxed);
-        let puppet = rig.played.read().as_ref().map_or(Packet::NEUTRAL, |pose| Packet {
-            state: State::Live,
-            coefficients: pose.coefficients,
-            rotation: pose.rotation,
-            ..Packet::NEUTRAL
-        });
+        let live = Packet { state: State::Live, ..Packet::NEUTRAL };
+        let puppet = rig.played.read().as_ref().map_or(Packet::NEUTRAL, |pose| live.with_pose(pose));
         now += step;
         board.follow(&puppet, now);
-        for ((dial, before), (speed_per_s, acceleration_per_s2)) in
-            panels[1].dials.channels.iter().zip(&mut before).zip(limits)
-        {
+        let dials = panels[1].dials.channels.iter().zip(&mut before);
+        for ((dial, before), (speed_per_s, acceleration_per_s2)) in dials.zip(limits) {
             let position = dial.position.get().unwrap();
             let speed = (position - before.0) / step.as_secs_f32();
             let change_per_s = (speed - before.1).abs() / step.as_secs_f32();
@@ -503,10 +491,8 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
     let Some(Reply::Picture(without)) = asks_landmarks.next() else { panic!("no landmarks") };
     assert_eq!((without.bytes, without.width, without.landmarks.unwrap()[1]), (0, 1000, [30.0, 40.0]));
     let Reply::Picture(PictureHead { format, width, bytes, time_us, landmarks, .. }) = head else { panic!("{head:?}") };
-    assert_eq!(
-        (format, width, bytes, time_us, landmarks.unwrap()[1]),
-        (PictureFormat::Grey, 1000, 1_000_000, 5, [30.0, 40.0])
-    );
+    let want = (PictureFormat::Grey, 1000, 1_000_000, 5, [30.0, 40.0]);
+    assert_eq!((format, width, bytes, time_us, landmarks.unwrap()[1]), want);
     let mut shown = Vec::new();
     while shown.len() < bytes {
         let _ = asks.lines.read_to_end(&mut shown);
@@ -546,7 +532,7 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
 #[test]
 fn a_camera_with_a_frame_in_two_seconds_is_soon_known_to_be_slow_and_a_silent_one_is_told_all_the_same() {
     let guide = Guide::new(blank_model_file().to_model().unwrap());
-    let ((mut client, _far), mut guiding) = (client(), Guiding::new(guide, 0));
+    let ((mut client, _far), mut guiding) = (client(), Guiding { guide, observed_us: 0, told: None });
     // Asks as the service does, several times between two frames. Returns the seconds in which a picture was missed.
     let mut missed = |period_s, seconds: std::ops::Range<u64>| -> Vec<u64> {
         let is_missed = |second: &u64| {

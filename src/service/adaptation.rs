@@ -12,8 +12,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 use super::failsafe::LIVE_FRAMES;
 use facewire_board::{Impairment, ImpairmentSet};

@@ -4,9 +4,7 @@
 //! could still ask under a host name that its owner points at this machine (DNS rebinding), so requests to other hosts are
 //! refused.
 
-use std::fmt::Write as _;
-use std::fs;
-use std::net::IpAddr;
+use std::{fmt::Write as _, fs, net::IpAddr};
 
 use facewire_servo::{Dial, Number, bus::HEALTH};
 use httparse::{EMPTY_HEADER, Request, Status};
@@ -135,8 +133,7 @@ fn resident_bytes() -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::Ordering::Relaxed;
-    use std::time::Duration;
+    use std::{sync::atomic::Ordering::Relaxed, time::Duration};
 
     use facewire_packet::{NeutralFace, State};
 
@@ -190,14 +187,8 @@ mod tests {
     #[test]
     fn requests_are_answered_once_they_are_whole_and_only_by_a_name_of_this_machine() {
         let many = format!("GET /metrics HTTP/1.1\r\n{}\r\n", "X: x\r\n".repeat(MAX_HEADERS + 1));
-        for (request, want) in [
-            ("GET /metrics?name=x HTTP/1.0\r\n\r\n", 200),
-            ("", 400),
-            ("GET /metrics HTTP/1.1\r\nHost", 400),
-            (&many, 431),
-        ] {
-            assert_eq!(status(request), want, "{request}");
-        }
+        let requests = ["GET /metrics?name=x HTTP/1.0\r\n\r\n", "", "GET /metrics HTTP/1.1\r\nHost", &many];
+        assert_eq!(requests.map(status), [200, 400, 400, 431]);
         let whole = b"GET /metrics HTTP/1.1\r\n\r\n";
         assert!((0..whole.len()).all(|length| answer(&whole[..length], false, &Counters::default()).is_none()));
         let asked = |host: &str| status(&format!("GET /metrics HTTP/1.1\r\nhost: {host}\r\n\r\n"));

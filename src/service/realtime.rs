@@ -3,8 +3,7 @@
 //! If the system refuses a request, the service runs without it, and the status line says so. Priorities are set per
 //! thread, because a scheduling policy of the whole process would also apply to the helper threads of the networks.
 
-use std::hint::black_box;
-use std::{fmt, io};
+use std::{fmt, hint::black_box, io};
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};

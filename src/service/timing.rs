@@ -240,16 +240,12 @@ mod tests {
     }
 
     #[test]
-    fn a_reported_duration_is_never_too_short_and_at_most_1_in_32_too_long() {
+    fn durations_are_told_never_too_short_and_at_most_1_in_32_too_long_in_3_digits_and_counts_below_limits_are_exact() {
         for ns in (0..36).map(|power| 1_u64 << power).flat_map(|ns| [ns - 1, ns, ns + 1, ns + ns / 3]) {
             let reported_ns = histogram_of([ns]).quantiles_ms([1.0])[0] * 1e6;
             let (least, most) = (ns as f64, ns as f64 * (1.0 + 1.0 / 32.0) + 1.01);
             assert!((least..=most).contains(&reported_ns), "{ns} is reported as {reported_ns}");
         }
-    }
-
-    #[test]
-    fn quantiles_have_three_significant_digits_and_counts_below_limits_are_exact() {
         let of = |times_us: &[u64]| quantiles(&histogram_of(times_us.iter().map(|us| us * 1000)));
         assert_eq!(of(&[9, 9250, 101_400]), "9.44/103/103");
         assert_eq!(of(&[]), "0.000/0.000/0.000");

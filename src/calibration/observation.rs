@@ -61,11 +61,8 @@ impl Seen {
     /// if the model makes nothing of it.
     pub fn raw(&self, model: &Model, neutral: Option<&Neutral>) -> Option<[f32; COEFFS]> {
         let [unknown, known] = &self.residuals;
-        let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(if neutral.is_some() {
-            known
-        } else {
-            unknown
-        });
+        let residual = if neutral.is_some() { known } else { unknown };
+        let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
         model.look(&mut raw, &self.face, self.eyes.as_ref());
         Some(raw.0)
     }

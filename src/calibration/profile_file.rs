@@ -1,7 +1,6 @@
 //! A wearer's profile as a file that people can read and compare (TOML).
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
 use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neutral, Profile};
 use flate2::Crc;

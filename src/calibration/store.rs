@@ -204,8 +204,7 @@ fn folder(setting: &str, variable: impl Fn(&str) -> Option<String>, is_readable:
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::PermissionsExt as _;
-    use std::process::Command;
+    use std::{os::unix::fs::PermissionsExt as _, process::Command};
 
     use super::super::profile_file::tests::file;
     use super::*;

@@ -160,9 +160,7 @@ mod tests {
         for number in (0..46).chain((46..140).step_by(2)) {
             let captured_us = u64::from(number) * PERIOD_US;
             counter.arrived(Arrival { sequence: number, captured_us, taken_us: captured_us });
-            if number % 10 == 3 {
-                counter.damaged += 1;
-            }
+            counter.damaged += u64::from(number % 10 == 3);
             lost.extend(counter.take().map(|delivery| delivery.lost));
         }
         assert_eq!(lost, [5, 23, 23]);

@@ -20,9 +20,7 @@ pub use delivery::Delivery;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
 
-use std::fmt;
-use std::ops::RangeInclusive;
-use std::time::Duration;
+use std::{fmt, ops::RangeInclusive, time::Duration};
 
 use facewire_face::{Face, Picture};
 use rustix::time::{ClockId, clock_gettime};
@@ -151,10 +149,7 @@ pub struct Description<'a> {
 impl fmt::Display for Description<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} {}x{}", self.origin, self.format, self.width, self.height)?;
-        match self.rate {
-            Some(rate) => write!(f, " at {rate}"),
-            None => Ok(()),
-        }
+        self.rate.iter().try_for_each(|rate| write!(f, " at {rate}"))
     }
 }
 

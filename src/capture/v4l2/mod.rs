@@ -333,16 +333,14 @@ mod tests {
 
     #[test]
     fn the_range_is_limited_unless_the_driver_says_otherwise() {
-        let table = [
-            (b"YUYV", Colorspace::SRGB, Quantization::Default, false),
-            (b"YUYV", Colorspace::JPEG, Quantization::Default, true),
-            (b"GREY", Colorspace::SRGB, Quantization::Default, true),
-            (b"YUYV", Colorspace::SRGB, Quantization::FullRange, true),
-            (b"YUYV", Colorspace::JPEG, Quantization::LimitedRange, false),
-        ];
-        for (fourcc, colorspace, quantization, full_range) in table {
+        let is_full = |fourcc, colorspace, quantization| {
             let set = Format { colorspace, quantization, ..Format::new(6, 4, FourCC::new(fourcc)) };
-            assert_eq!(Layout::of(&set).unwrap().full_range, full_range, "{set}");
-        }
+            Layout::of(&set).unwrap().full_range
+        };
+        assert!(!is_full(b"YUYV", Colorspace::SRGB, Quantization::Default));
+        assert!(is_full(b"YUYV", Colorspace::JPEG, Quantization::Default));
+        assert!(is_full(b"GREY", Colorspace::SRGB, Quantization::Default));
+        assert!(is_full(b"YUYV", Colorspace::SRGB, Quantization::FullRange));
+        assert!(!is_full(b"YUYV", Colorspace::JPEG, Quantization::LimitedRange));
     }
 }

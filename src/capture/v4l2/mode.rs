@@ -253,12 +253,11 @@ mod tests {
         ] {
             assert_eq!(chosen(camera, &wish), expected);
         }
-        // No driver should state the last three.
-        for (min, max, step, wish, expected) in
-            [(16, 100, 16, 99, 96), (16, 100, 0, 50, 50), (16, 10, 3, 50, 16), (0, u32::MAX, u32::MAX, 1, u32::MAX)]
-        {
-            assert_eq!(Steps { min, max, step }.at_least(wish), expected);
-        }
+        let at_least = |min, max, step, wish| Steps { min, max, step }.at_least(wish);
+        assert_eq!(at_least(16, 100, 16, 99), 96);
+        // No driver should state these.
+        assert_eq!([at_least(16, 100, 0, 50), at_least(16, 10, 3, 50)], [50, 16]);
+        assert_eq!(at_least(0, u32::MAX, u32::MAX, 1), u32::MAX);
     }
 
     #[test]

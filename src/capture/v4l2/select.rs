@@ -110,14 +110,10 @@ mod tests {
 
     fn camera(number: u32, card: &str, format: Option<PixelFormat>) -> Camera {
         let size = [640, 480].map(Steps::one);
-        Camera {
-            node: format!("/dev/video{number}").into(),
-            card: card.to_owned(),
-            driver: "uvcvideo".to_owned(),
-            is_usb: number > 0,
-            links: vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()],
-            modes: format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect(),
-        }
+        let (node, driver) = (format!("/dev/video{number}").into(), "uvcvideo".to_owned());
+        let links = vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()];
+        let modes = format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect();
+        Camera { node, card: card.to_owned(), driver, is_usb: number > 0, links, modes }
     }
 
     fn four() -> Vec<Camera> {
@@ -191,10 +187,8 @@ mod tests {
         let [first, second] = [2, 4].map(|number| camera(number, "C615", None));
         let missing = |cameras: &[Camera], wanted| missing(cameras, wanted, &WISH).to_string();
         let text = ambiguity(&[&Camera { links: links.into(), ..first }, &second]);
-        assert!(
-            text.contains("fits /dev/video2, /dev/video4: set camera.device = \"/dev/v4l/by-path/usb-1\""),
-            "{text}"
-        );
+        let want = "fits /dev/video2, /dev/video4: set camera.device = \"/dev/v4l/by-path/usb-1\"";
+        assert!(text.contains(want), "{text}");
         let text = missing(&four(), "C920");
         assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
         let text = missing(&four()[1..], "auto");

@@ -126,14 +126,9 @@ mod tests {
         assert_eq!(shown(Flags::empty(), 60), Ok(60));
         assert_eq!(shown(Flags::empty(), 101), Err(FrameFault::Incomplete));
         assert_eq!(shown(Flags::ERROR, 60), Err(FrameFault::Marked));
-        for (flags, now_us, expected_us) in [
-            (Flags::TIMESTAMP_MONOTONIC, 3_000_000, Some(2_000_500)),
-            (Flags::TIMESTAMP_MONOTONIC, 1_000_000, Some(1_000_000)),
-            (Flags::TIMESTAMP_COPY, 3_000_000, None),
-            (Flags::TIMESTAMP_UNKNOWN, 3_000_000, None),
-        ] {
-            assert_eq!(captured_us(&meta(flags, 0), now_us), expected_us, "{flags:?}");
-        }
+        let times_us = |flags| [3_000_000, 1_000_000].map(|now_us| captured_us(&meta(flags, 0), now_us));
+        assert_eq!(times_us(Flags::TIMESTAMP_MONOTONIC), [Some(2_000_500), Some(1_000_000)]);
+        assert_eq!([Flags::TIMESTAMP_COPY, Flags::TIMESTAMP_UNKNOWN].map(times_us), [[None; 2]; 2]);
     }
 
     /// A stream whose attempts to stop end as listed, and which panics in `Drop` as that of the v4l crate does.

@@ -123,8 +123,7 @@ impl Port {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-    use std::os::unix::fs::symlink;
+    use std::{fs, os::unix::fs::symlink};
 
     use super::*;
 
@@ -136,16 +135,10 @@ mod tests {
         let (serial_number, manufacturer, product) = (None, None, None);
         let maestro = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
         let maestro = SerialPortType::UsbPort(maestro);
-        let usb = ["1ffb", "0089"];
+        let (usb, takes) = (["1ffb", "0089"], "  takes commands: kind = \"maestro\"\n");
         let cases = [
             ("usb-Head_0001", SerialPortType::Unknown, "UART", "", json!([null, null])),
-            (
-                "usb-Pololu-if00",
-                maestro.clone(),
-                "USB",
-                "  takes commands: kind = \"maestro\"\n",
-                json!(["maestro", usb]),
-            ),
+            ("usb-Pololu-if00", maestro.clone(), "USB", takes, json!(["maestro", usb])),
             ("usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n", json!([null, usb])),
         ];
         for (link, port_type, kind, last, in_json) in cases {

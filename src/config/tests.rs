@@ -90,23 +90,18 @@ fn the_schema_has_every_setting_with_its_type_bounds_choices_unit_default_and_co
     let kind = |name: &str| LinkKind::NAMES.iter().position(|kind| *kind == name).unwrap();
     let link = |name: &str, rest: &str| format!("/properties/link/items/oneOf/{}{rest}", kind(name));
     let (fps, channel) = (at("/properties/camera/properties/fps"), at("/$defs/channel/properties"));
-    let typed = ["type", "minimum", "maximum", "unit", "default"].map(|key| fps[key].clone());
-    assert_eq!(typed, ["integer".into(), 1.into(), 240.into(), "1/s".into(), 30.into()] as [serde_json::Value; 5]);
-    assert_eq!(fps["description"], "Frame rate.");
+    assert_eq!([&fps["type"], &fps["unit"], &fps["description"]], ["integer", "1/s", "Frame rate."]);
+    assert_eq!([&fps["minimum"], &fps["maximum"], &fps["default"]], [1, 240, 30]);
     assert_eq!(at("/properties/board/default"), "auto");
     assert!(at("/properties/smoothing/properties/jaw/enum").as_array().unwrap().contains(&"one-euro".into()));
     assert_eq!(at(&link("pca9685", "/properties/kind/const")), "pca9685");
     assert_eq!(at(&link("pca9685", "/properties/address/default")), 64);
     assert_eq!(at(&link("maestro", "/properties/channel/items/$ref")), "#/$defs/channel");
-    assert_eq!(
-        (&channel["sources"]["properties"]["headYaw"]["maximum"], &channel["loss"]["default"]),
-        (&10.0.into(), &"neutral".into())
-    );
+    assert_eq!(channel["sources"]["properties"]["headYaw"]["maximum"], 10.0);
+    assert_eq!(channel["loss"]["default"], "neutral");
     assert_eq!(at("/$defs/adjust/properties/jawOpen/$ref"), "#/$defs/coefficient");
-    assert_eq!(
-        (at("/$defs/coefficient/properties/gain/maximum"), at("/$defs/adjust/properties/mirror/type")),
-        (&10.0.into(), &"boolean".into())
-    );
+    assert_eq!(at("/$defs/coefficient/properties/gain/maximum"), 10.0);
+    assert_eq!(at("/$defs/adjust/properties/mirror/type"), "boolean");
     let text = schema.to_string();
     assert!(!text.contains("\"minimum\":null") && !text.contains("\"default\":null"), "{text}");
     let explained = keys("").iter().filter(|key| *key != "link" && *key != "adjust").all(|key| {
@@ -202,6 +197,7 @@ fn wrong_values_and_settings_that_do_not_fit_together_are_refused() {
 
 #[test]
 fn texts_are_taken_or_refused_with_what_to_give() {
+    let not_of_this_machine = "0.0.0.0:9464|localhost:9464|127.0.0.1:0|unix:m";
     let cases = [
         ("address", "head.local:1|[::1]:65535", "|:1|host|host:|host:0|host:65536|::1:5252", "\"host:port\""),
         ("kind = \"serial\"\ndevice", "/dev/ttyUSB0", "ttyUSB0", "\"auto\", or a path in quotes"),
@@ -212,13 +208,7 @@ fn texts_are_taken_or_refused_with_what_to_give() {
         ("kind = \"ifacialmocap\"\naddress", "|pc.local:1", "pc.local", "\"\", or \"host:port\""),
         ("kind = \"vrchat\"\nprefix", "|FT/", "FT|/FT/|F T/|FT*/", "\"\", or up to 64"),
         ("kind = \"vrchat\"\nparameters", "JawOpen:8, MouthX", "JawOpen:9", "\"\", or names of parameters"),
-        // Metrics are for this machine alone.
-        (
-            "[metrics]\nlisten",
-            "|[::1]:9464|unix:/run/m",
-            "0.0.0.0:9464|localhost:9464|127.0.0.1:0|unix:m",
-            "\"\", a loop",
-        ),
+        ("[metrics]\nlisten", "|[::1]:9464|unix:/run/m", not_of_this_machine, "\"\", a loop"),
     ];
     for (key, good, bad, expected) in cases {
         let faults = |value| faults(&format!("[[link]]\n{key} = \"{value}\"\n"));

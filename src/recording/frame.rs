@@ -138,9 +138,9 @@ mod tests {
             assert_eq!(Recorded::from_bytes(bytes.get(..length).unwrap()), None, "{length}");
         }
         let head = bytes.get(..bytes.len() - COORDINATES).unwrap();
-        for (before, difference) in
-            [(0, i32::MIN), (0, -MOST_STEPS - 1), (0, MOST_STEPS + 1), (MOST_STEPS, 1), (MOST_STEPS, i32::MAX)]
-        {
+        let beyond =
+            [(0, i32::MIN), (0, -MOST_STEPS - 1), (0, MOST_STEPS + 1), (MOST_STEPS, 1), (MOST_STEPS, i32::MAX)];
+        for (before, difference) in beyond {
             let crafted = [head, &postcard::to_allocvec(&difference).unwrap().repeat(COORDINATES)].concat();
             let read = Recorded::read(&mut crafted.as_slice(), &mut [before; COORDINATES]);
             assert_eq!(read, None, "{before} and {difference}");

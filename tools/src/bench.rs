@@ -3,8 +3,7 @@
 mod figures;
 mod layers;
 
-use std::path::PathBuf;
-use std::time::Instant;
+use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 use serde_json::{Value, json};
@@ -15,7 +14,7 @@ use self::layers::Layers;
 use crate::input::{self, USUAL_SIZE_PX};
 use facewire::capture::{DEMO, FrameRate};
 use facewire::cli::{Failure, SettingsArgs, print};
-use facewire::config::{Choice as _, Settings};
+use facewire::config::{CameraSettings, Choice as _, NetworkSettings, Settings};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::{Step, bind_to_hot_cpu};
 use facewire_board::{self as board, Flags, Machine, Sensors};
@@ -73,9 +72,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
-    if let Some(tracker) = &mut pipeline.tracker {
-        tracker.set_turns(args.step.has_turns());
-    }
+    pipeline.tracker.iter_mut().for_each(|tracker| tracker.set_turns(args.step.has_turns()));
     play(&mut pipeline, args, &mut Samples::default())?;
     let mut samples = Samples::default();
     for _ in 0..args.rounds {
@@ -153,16 +150,12 @@ fn report_text(
     layers: &Layers,
     (input, samples): (&str, &Samples),
 ) -> String {
-    let (root, networks, camera) = (board::root(), &settings.networks, &settings.camera);
+    let (root, NetworkSettings { engine, threads, .. }) = (board::root(), &settings.networks);
+    let CameraSettings { width, height, fps, format, .. } = &settings.camera;
+    let (engine, format) = (engine.name(), format.name());
     // The settings that matter for speed.
     let in_force = format!(
-        "networks.engine {}, networks.threads {}, camera {} x {} at {}/s in format {}",
-        networks.engine.name(),
-        networks.threads,
-        camera.width,
-        camera.height,
-        camera.fps,
-        camera.format.name(),
+        "networks.engine {engine}, networks.threads {threads}, camera {width} x {height} at {fps}/s in format {format}"
     );
     let lines = [
         ("facewire", format!("{}; {in_force}", env!("CARGO_PKG_VERSION"))),

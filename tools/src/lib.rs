@@ -9,11 +9,7 @@ mod replay;
 mod servo;
 mod track;
 
-use std::ffi::OsString;
-use std::io;
-use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::{ffi::OsString, io, process::ExitCode, sync::Arc, sync::atomic::AtomicBool};
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use facewire::cli::{Failure, TOOLS, with_exit_status};
@@ -68,15 +64,5 @@ struct Restore(fn() -> io::Result<()>);
 impl Drop for Restore {
     fn drop(&mut self) {
         let _ = (self.0)();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use facewire::cli::TOOLS;
-
-    #[test]
-    fn the_help_of_the_service_lists_exactly_these_commands() {
-        assert!(super::command().get_subcommands().map(clap::Command::get_name).eq(TOOLS.map(|(name, _)| name)));
     }
 }

@@ -1,7 +1,6 @@
 //! `facewire replay`: sends a recording through the links of the settings, with its original timing.
 
-use std::path::PathBuf;
-use std::time::Instant;
+use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 

@@ -91,12 +91,8 @@ enum Stage {
 
 pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let mut settings = args.settings.load()?;
-    if let Some(model) = &args.model {
-        settings.solver.model.clone_from(model);
-    }
-    if let Some(wearer) = &args.wearer {
-        wearer.as_str().clone_into(&mut settings.wearer.name);
-    }
+    args.model.iter().for_each(|model| settings.solver.model.clone_from(model));
+    args.wearer.iter().for_each(|wearer| wearer.as_str().clone_into(&mut settings.wearer.name));
     let named = || load_profile(&settings.wearer, &settings.solver);
     let profile = if args.neutral.is_some() { Profile::default() } else { named()?.0 };
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
@@ -104,22 +100,13 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);
     pipeline.solver.profile = if is_estimated { Profile::default() } else { profile };
     pipeline.solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
-    if let Some(tracker) = &mut pipeline.tracker {
-        tracker.set_turns(args.step.has_turns());
-    }
-    let mut track = Track {
-        playback: Playback::new(pipeline, &settings.failsafe),
-        source,
-        args,
-        out: BufWriter::new(match &args.out {
-            Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
-            None => Box::new(io::stdout()),
-        }),
-        landmarks: Vec::new(),
-        frames: 0,
-        faces: 0,
-        damaged: 0,
+    pipeline.tracker.iter_mut().for_each(|tracker| tracker.set_turns(args.step.has_turns()));
+    let out: Box<dyn Write> = match &args.out {
+        Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
+        None => Box::new(io::stdout()),
     };
+    let (playback, out) = (Playback::new(pipeline, &settings.failsafe), BufWriter::new(out));
+    let mut track = Track { source, playback, args, out, landmarks: Vec::new(), frames: 0, faces: 0, damaged: 0 };
     if let Some(path) = &args.landmarks {
         // The path is checked before a long film is read. An existing file keeps its content until the end, because it
         // may be the input.

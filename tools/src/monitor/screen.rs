@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_coefficient_stands_in_exactly_one_row() {
+    fn every_coefficient_stands_in_exactly_one_row_on_the_persons_own_side() {
         let sides = |name: &&str| ["", "Left", "Right"].map(|side| format!("{name}{side}"));
         let named = ROWS.as_flattened().iter().flat_map(sides).filter(|name| BLENDSHAPES.contains(&name.as_str()));
         let mut shown: Vec<String> = named.collect();
@@ -176,22 +176,19 @@ mod tests {
         let mut all = BLENDSHAPES;
         all.sort_unstable();
         assert_eq!(shown, all);
-    }
 
-    #[test]
-    fn bars_fill_by_eighths_and_keep_their_width() {
-        assert_eq!([0.0, 1.0, 0.5 + 3.0 / 32.0].map(|fill| bar(fill, 4)), ["    ", "████", "██▍ "]);
-        assert_eq!(bar(f32::NAN, 4).chars().count(), 4);
-    }
-
-    #[test]
-    fn sides_are_the_persons_own() {
         let mut packet = Packet::NEUTRAL;
         packet.coefficients[0] = 1.0;
         packet.rotation = [0.0, 0.25_f32.sin(), 0.0, 0.25_f32.cos()];
         let numbers = |name| cells(name, &packet).map(|cell| cell.unwrap().1);
         assert_eq!(numbers("eyeBlink"), ["1.0", ".00"]);
         assert_eq!(numbers("head yaw"), ["29°", ""]);
+    }
+
+    #[test]
+    fn bars_fill_by_eighths_and_keep_their_width() {
+        assert_eq!([0.0, 1.0, 0.5 + 3.0 / 32.0].map(|fill| bar(fill, 4)), ["    ", "████", "██▍ "]);
+        assert_eq!(bar(f32::NAN, 4).chars().count(), 4);
     }
 
     /// Returns the line without its colours.

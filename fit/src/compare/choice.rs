@@ -241,21 +241,7 @@ mod tests {
     use crate::kinds;
 
     fn trial(kind: &'static str, form: Form, validation: [f64; 2], bytes: usize) -> Trial {
-        Trial {
-            kind,
-            response: Response::Plain,
-            form,
-            validation,
-            r: 0.0,
-            mse: 0.0,
-            bytes,
-            nanoseconds: 1.0,
-            weights: 1,
-            faces: 1,
-            features: 1,
-            predictions: Vec::new(),
-            formula: None,
-        }
+        Trial { kind, form, validation, bytes, nanoseconds: 1.0, ..Trial::default() }
     }
 
     fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 4] {

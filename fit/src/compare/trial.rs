@@ -25,7 +25,7 @@ const TIMED_PASSES: usize = 7;
 const NUMBER_BYTES: usize = 4;
 const INDEX_BYTES: usize = 2;
 
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Trial {
     pub kind: &'static str,
     pub response: Response,
@@ -57,18 +57,15 @@ impl Trial {
         let truth = faces.truth(blendshape, &split.held_out);
         Self {
             kind: HIDDEN_LAYER,
-            response: Response::Plain,
             form: Form::HiddenLayer,
             validation: split.mean_error(&errors),
             r: pearson(&predictions, &truth),
             mse: mse(&predictions, &truth),
-            bytes: 0,
             nanoseconds: f64::INFINITY,
             weights: MAX_HIDDEN,
             faces: split.seen.len(),
-            features: 0,
             predictions,
-            formula: None,
+            ..Self::default()
         }
     }
 }
@@ -179,11 +176,8 @@ impl Scale {
 
     fn standardised(&self, faces: &Faces, row: usize) -> impl Iterator<Item = f64> {
         let values = faces.values(row);
-        let scale = self.mean.iter().zip(&self.deviation);
-        self.features
-            .iter()
-            .zip(scale)
-            .map(|(feature, (mean, deviation))| (f64::from(values[*feature]) - mean) / deviation)
+        let features = self.features.iter().zip(self.mean.iter().zip(&self.deviation));
+        features.map(|(feature, (mean, deviation))| (f64::from(values[*feature]) - mean) / deviation)
     }
 
     fn matrix(&self, faces: &Faces, rows: &[usize]) -> DMatrix<f64> {

@@ -43,10 +43,11 @@ pub trait Predictor: Send + Sync {
 }
 
 /// The function that a model computes. Simpler forms compare as less.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Form {
     /// `w f + b`, however it was fitted.
+    #[default]
     Affine,
     /// `exp(w f + b) - c`.
     Exponential,
@@ -200,10 +201,8 @@ mod tests {
     fn degrees_of_freedom_are_those_of_the_fit() {
         let (one, truth) = faces(50, 1, |face| 0.5 * face[0]);
         let twice = DMatrix::from_fn(50, 2, |row, _| one[(row, 0)]);
-        assert!(
-            (fit("ols", &twice, &truth).predict(&[0.5, 0.5]) - 0.25).abs() < 1e-6,
-            "repeated features share a weight"
-        );
+        let estimate = fit("ols", &twice, &truth).predict(&[0.5, 0.5]);
+        assert!((estimate - 0.25).abs() < 1e-6, "repeated features share a weight");
         assert_eq!(fit("pls", &one, &truth).weights(), 1);
         let (mut two, _) = faces(200, 2, |_| 0.0);
         let truth: Vec<f64> = two.column(1).iter().copied().collect();

@@ -3,6 +3,7 @@
 //! In world coordinates, the camera is at the origin, with x to the right in the picture (the left of a person who
 //! faces the camera), y up, and z towards the camera. Units are centimetres.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
@@ -101,24 +102,15 @@ pub fn random_lighting(rng: &mut ChaCha8Rng) -> Lighting {
     let mean = warmth(rng) * (0.12 + 0.5 * flat);
     let tilt = |rng: &mut ChaCha8Rng, bias: f32| mean * (bias + normal(rng, 0.25, 0.5));
     let ambient = [mean, tilt(rng, 0.0), tilt(rng, 0.3), tilt(rng, 0.15)];
-    let key = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.5, 1.0), 0.7),
-        colour: warmth(rng) * (1.1 - 0.75 * flat) * rng.random_range(0.7..1.2),
+    let mut lamp = |toward: [f32; 3], spread: f32, share: f32, strength: Range<f32>| Light {
+        toward: direction(rng, toward.into(), spread),
+        colour: warmth(rng) * share * rng.random_range(strength),
     };
-    let fill = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.2, 0.7), 1.0),
-        colour: warmth(rng) * rng.random_range(0.0..0.35),
-    };
-    let rim = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.5, -0.8), 0.8),
-        colour: warmth(rng) * rng.random_range(0.0..0.6),
-    };
-    Lighting {
-        ambient,
-        lights: vec![key, fill, rim],
-        shadows: rng.random_bool(SHADOWED),
-        softness: rng.random_range(0.15..0.9),
-    }
+    let key = lamp([0.0, 0.5, 1.0], 0.7, 1.1 - 0.75 * flat, 0.7..1.2);
+    let fill = lamp([0.0, 0.2, 0.7], 1.0, 1.0, 0.0..0.35);
+    let rim = lamp([0.0, 0.5, -0.8], 0.8, 1.0, 0.0..0.6);
+    let (lights, shadows) = (vec![key, fill, rim], rng.random_bool(SHADOWED));
+    Lighting { ambient, lights, shadows, softness: rng.random_range(0.15..0.9) }
 }
 
 pub fn random_effects(rng: &mut ChaCha8Rng) -> Effects {

@@ -211,7 +211,8 @@ pub struct Summary {
     /// For each part of the face the standard deviation at rest under each light, raw and sent (of the head in degrees),
     /// and the delay by cross-correlation and until the same value appears.
     parts: Vec<PartFigures>,
-    blinks: [Blinks; 2],
+    /// Number of blinks, how many shut both lids, and after how many both opened again, raw and sent.
+    blinks: [[usize; 3]; 2],
     /// Mean and greatest value of the open eye while the other one winks, raw and sent.
     leaks: [[f32; 2]; 2],
     /// Mean deviation of the gaze in a blink from that 5 frames before it, raw and sent.
@@ -220,14 +221,6 @@ pub struct Summary {
 
 /// The name of a part of the face, its deviations at rest, and its delays.
 type PartFigures = (&'static str, [[f64; 2]; LIGHTS.len()], [f64; 2]);
-
-/// Blinks that shut both lids, and after which both opened again.
-#[derive(Default)]
-struct Blinks {
-    count: usize,
-    shut: usize,
-    opened: usize,
-}
 
 pub fn summary_of(streams: &[Stream]) -> Summary {
     let sums = |part: Part, still: &[&str], moving: &[&str]| -> Sums {
@@ -247,8 +240,8 @@ pub fn summary_of(streams: &[Stream]) -> Summary {
     }
 }
 
-fn blinks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> Blinks {
-    let mut all = Blinks::default();
+fn blinks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> [usize; 3] {
+    let mut counts = [0; 3];
     for stream in streams {
         for run in stream.shut("blinks", LIDS[0]) {
             let both = |range: Range<usize>, is_there: fn(f64) -> bool| {
@@ -256,12 +249,11 @@ fn blinks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> Blinks {
                 LIDS.iter().all(|lid| faces.iter().any(|(face, _)| is_there(face[*lid].into())))
             };
             let after = run.end + LATE..(run.end + 10).min(stream.raw.len());
-            all.count += 1;
-            all.shut += usize::from(both(run.start..run.end + LATE, |lid| lid > SHUT));
-            all.opened += usize::from(both(after, |lid| lid < OPEN));
+            let found = [true, both(run.start..run.end + LATE, |lid| lid > SHUT), both(after, |lid| lid < OPEN)];
+            counts.iter_mut().zip(found).for_each(|(count, found)| *count += usize::from(found));
         }
     }
-    all
+    counts
 }
 
 fn leaks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> [f32; 2] {
@@ -300,11 +292,9 @@ impl fmt::Display for Summary {
         };
         let heads = ["part", "deviation at rest, bright", "dim", "dark", "lag ms", "same value ms"];
         f.write_str(&Table::new(heads, self.parts.iter().map(row)).text())?;
-        for (what, Blinks { count, shut, opened }) in ["raw", "sent"].into_iter().zip(&self.blinks) {
-            writeln!(
-                f,
-                "blinks, {what}: {count}; {shut} shut both lids above {SHUT}, {opened} opened both below {OPEN}"
-            )?;
+        for (what, [count, shut, opened]) in ["raw", "sent"].into_iter().zip(self.blinks) {
+            let both = format!("{shut} shut both lids above {SHUT}, {opened} opened both below {OPEN}");
+            writeln!(f, "blinks, {what}: {count}; {both}")?;
         }
         let [[raw, raw_most], [sent, sent_most]] = self.leaks;
         writeln!(f, "winks: the other lid is at {sent:.2} (at most {sent_most:.2}), raw {raw:.2} ({raw_most:.2})")?;

@@ -211,6 +211,7 @@ fn weigh<'a>(out: &mut [f32], kernel: &[f32], around: impl Fn(usize) -> [&'a [f3
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synth::scene::random_effects;
 
     const WIDTH: usize = 24;
 
@@ -218,17 +219,8 @@ mod tests {
     fn noise_has_the_deviation_of_photons_and_sensor() {
         let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let effects = Effects {
-            defocus_px: 0.0,
-            motion_px: Vec2::ZERO,
-            exposure: Vec3::ONE,
-            vignette: 0.0,
-            noise: [0.04, 0.03],
-            contrast: 1.0,
-            sharpening: 0.0,
-            jpeg_quality: 90,
-            chroma: Subsamp::Sub2x2,
-        };
+        let drawn = random_effects(&mut rng);
+        let effects = Effects { exposure: Vec3::ONE, vignette: 0.0, noise: [0.04, 0.03], contrast: 1.0, ..drawn };
         let mut light = vec![[0.25; 3]; WIDTH * 16];
         camera.expose(&mut light, &effects, &mut rng);
         let seen = light.as_flattened().iter().map(|value| value / TONE_SCALE);

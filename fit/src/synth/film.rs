@@ -64,10 +64,8 @@ pub struct Options {
 
 pub fn run(options: &Options) -> Result<()> {
     let files = files(options)?;
-    ensure!(
-        options.script != Script::Wearer || options.seconds.is_none(),
-        "the length of a wearer's clip is fixed: leave out --seconds"
-    );
+    let is_fixed = options.script == Script::Wearer;
+    ensure!(!is_fixed || options.seconds.is_none(), "the length of a wearer's clip is fixed: leave out --seconds");
     files.iter().flatten().try_for_each(|path| output::check(path))?;
     let recordings = options.sources.curves.recordings(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
@@ -215,13 +213,8 @@ mod tests {
 
     #[test]
     fn facewire_reads_size_rate_and_every_frame() {
-        let image = turbojpeg::Image {
-            pixels: vec![90_u8; 64 * 48 * 3],
-            width: 64,
-            pitch: 192,
-            height: 48,
-            format: turbojpeg::PixelFormat::RGB,
-        };
+        let (pixels, format) = (vec![90_u8; 64 * 48 * 3], turbojpeg::PixelFormat::RGB);
+        let image = turbojpeg::Image { pixels, width: 64, pitch: 192, height: 48, format };
         let jpeg = turbojpeg::compress(image.as_deref(), 80, turbojpeg::Subsamp::Sub2x1).expect("a JPEG").to_vec();
         let film = avi(&[jpeg.clone(), jpeg.clone(), jpeg], [64, 48], 30);
         let mut source = AviSource::open(film.as_slice(), "film", FrameRate::FPS_30).expect("an AVI file");

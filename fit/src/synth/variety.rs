@@ -310,9 +310,7 @@ mod tests {
         assert!((20..90).contains(&all.iter().filter(|person| person.glasses.is_some()).count()));
         for (all, fewer) in all.into_iter().zip(without) {
             assert!(fewer.glasses.is_none());
-            assert_eq!(all.dark, fewer.dark);
-            assert_eq!(all.small_px, fewer.small_px);
-            assert_eq!(all.beard, fewer.beard);
+            assert_eq!((all.dark, all.small_px, all.beard), (fewer.dark, fewer.small_px, fewer.beard));
         }
     }
 

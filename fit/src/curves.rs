@@ -65,10 +65,8 @@ impl Parts {
     }
 
     pub fn starting_with(&self, names: &[&str]) -> impl Iterator<Item = Range<usize>> {
-        self.0
-            .iter()
-            .filter(|(known, _)| names.iter().any(|name| known.starts_with(name)))
-            .map(|(_, frames)| frames.clone())
+        let parts = self.0.iter().filter(|(known, _)| names.iter().any(|name| known.starts_with(name)));
+        parts.map(|(_, frames)| frames.clone())
     }
 }
 

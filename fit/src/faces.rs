@@ -45,11 +45,8 @@ impl<'a> Faces<'a> {
         let raw = self.of_landmarks(model, row)?;
         let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
         let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
-        model.look(
-            &mut raw,
-            &normalise(&self.samples[row].landmarks)?,
-            appearance.as_ref().map(|appearance| &appearance.eyes),
-        );
+        let eyes = appearance.as_ref().map(|appearance| &appearance.eyes);
+        model.look(&mut raw, &normalise(&self.samples[row].landmarks)?, eyes);
         Ok(raw)
     }
 

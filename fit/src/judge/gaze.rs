@@ -103,9 +103,8 @@ fn directions(judgement: &Judgement, all: &GazeSums) -> Table {
         let worst = seen.max_by(|one, other| error(*one).total_cmp(&error(*other))).unwrap_or_default();
         rows.push([vec![name.to_owned()], cells(all.axis(axis, everywhere))].concat());
         for (turn, end) in HEAD_YAW_ENDS_DEG.into_iter().enumerate() {
-            rows.push(
-                [vec![format!("{name}, head turned up to {end}")], cells(all.axis(axis, turn..turn + 1))].concat(),
-            );
+            let title = format!("{name}, head turned up to {end}");
+            rows.push([vec![title], cells(all.axis(axis, turn..turn + 1))].concat());
         }
         rows.push([vec![format!("{name}, worst person")], cells(worst)].concat());
     }

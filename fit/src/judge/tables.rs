@@ -91,11 +91,12 @@ fn people(judgement: &Judgement) -> Table {
 
 fn summary(judged: &Judged) -> Table {
     let row = |judgement: &Judgement, state: &str, row: Row, phase: Phase| {
-        [format!("{state}, {}, {}", name(row, judgement), phase.title())]
-            .into_iter()
-            .chain(with_intervals(judgement, row, phase))
-            .chain([Figure::Gain, Figure::Slope, Figure::Jitter].map(|own| own.format(judgement.get(row, phase, own))))
-            .collect::<Vec<_>>()
+        let mut cells = vec![format!("{state}, {}, {}", name(row, judgement), phase.title())];
+        cells.extend(with_intervals(judgement, row, phase));
+        cells.extend(
+            [Figure::Gain, Figure::Slope, Figure::Jitter].map(|own| own.format(judgement.get(row, phase, own))),
+        );
+        cells
     };
     let heads = ["neutral face, mean, pictures"].into_iter().chain(WITH_INTERVALS).chain(["gain", "slope", "jitter"]);
     let mut rows = Vec::new();
@@ -315,15 +316,13 @@ impl Pair<'_> {
 
 pub fn json(judged: &[Judged]) -> Value {
     let set = |judged: &Judged| {
-        let states = judged.neutral.iter().zip(NEUTRAL);
-        let states: Map<_, _> = states
-            .map(|(Rivals { model, against }, name)| {
-                let difference = against.as_ref().map(|against| differences(model, against));
-                let against = against.as_ref().map(of_judgement);
-                let own = json!({ "model": of_judgement(model), "against": against, "difference": difference });
-                (name.replace(' ', "_"), own)
-            })
-            .collect();
+        let state = |(Rivals { model, against }, name): (&Rivals, &str)| {
+            let difference = against.as_ref().map(|against| differences(model, against));
+            let against = against.as_ref().map(of_judgement);
+            let own = json!({ "model": of_judgement(model), "against": against, "difference": difference });
+            (name.replace(' ', "_"), own)
+        };
+        let states: Map<_, _> = judged.neutral.iter().zip(NEUTRAL).map(state).collect();
         let model = &judged.neutral[0].model;
         json!({
             "set": judged.set,

@@ -210,11 +210,8 @@ fn weights(count: usize) -> Option<Vec<f64>> {
         ..=FEW => &[&LAST],
         _ => &[&LAST, &BEFORE_LAST],
     };
-    let ends: Vec<(f64, f64)> = corrected
-        .iter()
-        .zip(weights.iter().rev())
-        .map(|(terms, score)| (*score, score / squares.sqrt() + polynomial(terms, n.sqrt().recip())))
-        .collect();
+    let end = |(terms, score): (&&[f64], &f64)| (*score, score / squares.sqrt() + polynomial(terms, n.sqrt().recip()));
+    let ends: Vec<(f64, f64)> = corrected.iter().zip(weights.iter().rev()).map(end).collect();
     let rest_of_scores = squares - 2.0 * ends.iter().map(|(score, _)| score.powi(2)).sum::<f64>();
     let rest_of_weights = 1.0 - 2.0 * ends.iter().map(|(_, weight)| weight.powi(2)).sum::<f64>();
     let scale = (rest_of_scores / rest_of_weights).sqrt();

@@ -71,10 +71,8 @@ impl Canvas {
             let rows = Footprint::new(number, density.y, grid.height);
             mean.clear();
             mean.resize(grid.width, Vec4::ZERO);
-            for (samples, weight) in colour[rows.samples.start * grid.width..rows.samples.end * grid.width]
-                .chunks_exact(grid.width)
-                .zip(rows.weights)
-            {
+            let lines = colour.chunks_exact(grid.width).skip(rows.samples.start).take(rows.samples.len());
+            for (samples, weight) in lines.zip(rows.weights) {
                 mean.iter_mut().zip(samples).for_each(|(mean, sample)| *mean += weight * *sample);
             }
             for (pixel, columns) in line.iter_mut().zip(&*columns) {

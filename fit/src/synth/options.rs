@@ -190,12 +190,8 @@ impl Curves {
         paths.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv")));
         ensure!(!paths.is_empty(), "{folder} has no recordings (CSV)");
         paths.sort();
-        let own = paths
-            .iter()
-            .enumerate()
-            .filter(|(index, _)| set.has(*index, [JUDGE_RECORDING_EVERY, 1]))
-            .map(|(_, path)| path);
-        let recordings = own.map(|path| recording(path)).collect::<Result<Vec<_>>>()?;
+        let own = paths.iter().enumerate().filter(|(index, _)| set.has(*index, [JUDGE_RECORDING_EVERY, 1]));
+        let recordings = own.map(|(_, path)| recording(path)).collect::<Result<Vec<_>>>()?;
         ensure!(
             !recordings.is_empty(),
             "none of the {} recordings in {folder} belongs to --set {}, which has one in {JUDGE_RECORDING_EVERY}: add \

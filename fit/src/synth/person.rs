@@ -116,11 +116,9 @@ impl Person {
             base.iter_mut().zip(mode).for_each(|(point, offset)| *point += *weight * *offset);
         }
         if let Some((_, volume)) = looks.hair {
-            let grown = hair
-                .iter()
-                .zip(&assets.rest_normals)
-                .map(|(depth, normal)| *normal * volume * smoothstep(0.0, 1.6, *depth));
-            base.iter_mut().zip(grown).for_each(|(point, offset)| *point += offset);
+            for (point, (depth, normal)) in base.iter_mut().zip(hair.iter().zip(&assets.rest_normals)) {
+                *point += *normal * volume * smoothstep(0.0, 1.6, *depth);
+            }
         }
         let brow = &assets.brows[looks.brow];
         let middle = assets.rig.landmark(24).y;

@@ -64,10 +64,8 @@ impl Rig {
         let identities = arrays.floats("identities", &[vertices, 3])?;
         let skin_uv = arrays.floats("skin_uv", &[2])?;
         let landmarks: Vec<usize> = list(&names, "landmark68_vertices")?;
-        ensure!(
-            landmarks.iter().all(|index| *index < vertices),
-            "rig.json: a landmark refers to a vertex that does not exist"
-        );
+        let exist = landmarks.iter().all(|index| *index < vertices);
+        ensure!(exist, "rig.json: a landmark refers to a vertex that does not exist");
         let parts = parts(&mut arrays, &list(&names, "materials")?, &neutral, &landmarks)?;
         let names = list(&names, "expressions")?;
         let shapes = names.into_iter().zip(expressions.chunks_exact(3 * vertices));
@@ -107,10 +105,8 @@ fn list<T: DeserializeOwned>(file: &Value, name: &str) -> Result<Vec<T>> {
 
 fn parts(arrays: &mut Arrays, materials: &[String], neutral: &[Vec3], landmarks: &[usize]) -> Result<Parts> {
     let corners = arrays.integers("faces", &[3])?.into_iter().map(u32::try_from).collect::<Result<Vec<_>, _>>()?;
-    ensure!(
-        corners.iter().all(|vertex| (*vertex as usize) < neutral.len()),
-        "rig.npz: a triangle refers to a vertex that does not exist"
-    );
+    let exist = corners.iter().all(|vertex| (*vertex as usize) < neutral.len());
+    ensure!(exist, "rig.npz: a triangle refers to a vertex that does not exist");
     let triangles: Vec<Triangle> = corners.as_chunks::<3>().0.to_vec();
     let kinds = arrays.integers("face_material", &[])?;
     let of = |name: &str| -> Vec<Triangle> {

@@ -180,19 +180,17 @@ impl DepthMap {
 
 /// Returns the cosine-weighted share of the sky that is visible from each vertex, from 0 to 1.
 pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangle], bounds: (Vec3, f32)) -> Vec<f32> {
-    let seen: Vec<Vec<[f32; 2]>> = (0..DIRECTIONS)
-        .into_par_iter()
-        .map(|index| {
-            let toward = direction(index);
-            let mut map = DepthMap::new(AMBIENT_SIDE);
-            map.draw(toward, bounds, points.iter().copied(), triangles);
-            let one = |(point, normal): (&Vec3, &Vec3)| {
-                let cosine = normal.dot(toward).max(0.0);
-                if cosine > 0.0 { [cosine, cosine * map.light_at(*point + 0.1 * *normal, 0.7)] } else { [0.0; 2] }
-            };
-            points.iter().zip(normals).map(one).collect()
-        })
-        .collect();
+    let seen_from = |index: u16| {
+        let toward = direction(index);
+        let mut map = DepthMap::new(AMBIENT_SIDE);
+        map.draw(toward, bounds, points.iter().copied(), triangles);
+        let one = |(point, normal): (&Vec3, &Vec3)| {
+            let cosine = normal.dot(toward).max(0.0);
+            if cosine > 0.0 { [cosine, cosine * map.light_at(*point + 0.1 * *normal, 0.7)] } else { [0.0; 2] }
+        };
+        points.iter().zip(normals).map(one).collect()
+    };
+    let seen: Vec<Vec<[f32; 2]>> = (0..DIRECTIONS).into_par_iter().map(seen_from).collect();
     let share = |vertex: usize| {
         let [all, open] = seen.iter().fold([0.0; 2], |sum, map| [sum[0] + map[vertex][0], sum[1] + map[vertex][1]]);
         if all > 0.0 { open / all } else { 0.0 }

@@ -33,31 +33,27 @@ const EYE_OUTPUTS: &[(&str, &[usize])] = &[("points", &[142]), ("iris", &[10])];
 struct Refinement {
     signature: Signature,
     points: &'static [u16],
-    /// The iris points of the second output, and the contour of the eye, whose mean depth they take.
-    iris: Option<(&'static [u16], &'static [u16])>,
     level: [u16; 2],
+    iris: Option<Iris>,
+}
+
+/// The iris points of the second output, and the contour of the eye, whose mean depth they take.
+type Iris = (&'static [u16], &'static [u16]);
+
+const fn refinement(
+    name: &'static str,
+    outputs: &'static [(&'static str, &'static [usize])],
+    (points, level): (&'static [u16], [u16; 2]),
+    iris: Option<Iris>,
+) -> Refinement {
+    Refinement { signature: Signature { name, input: HEAD_INPUT, outputs }, points, level, iris }
 }
 
 /// The network of the person's right eye is called `left_eye`: MediaPipe names it by the side of the picture.
 static REFINEMENTS: [Refinement; 3] = [
-    Refinement {
-        signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
-        points: &LIPS,
-        iris: None,
-        level: LIPS_ROTATION,
-    },
-    Refinement {
-        signature: Signature { name: "left_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
-        points: &RIGHT_EYE,
-        iris: Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH)),
-        level: RIGHT_EYE_ROTATION,
-    },
-    Refinement {
-        signature: Signature { name: "right_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
-        points: &LEFT_EYE,
-        iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
-        level: LEFT_EYE_ROTATION,
-    },
+    refinement("lips", &[("points", &[160])], (&LIPS, LIPS_ROTATION), None),
+    refinement("left_eye", EYE_OUTPUTS, (&RIGHT_EYE, RIGHT_EYE_ROTATION), Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH))),
+    refinement("right_eye", EYE_OUTPUTS, (&LEFT_EYE, LEFT_EYE_ROTATION), Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH))),
 ];
 
 /// The backbone, its heads, and what they found last.
@@ -68,9 +64,10 @@ pub struct Mesh {
     eyes: Eyes,
     landmarks: Landmarks,
     appearance: Appearance,
-    by_turns: bool,
-    /// The head whose turn it is; `None` if all heads run on the next picture.
-    turn: Option<usize>,
+    /// Whether the heads take turns.
+    pub(super) by_turns: bool,
+    /// The head whose turn it is; `None` if all heads run on the next picture, as on another face.
+    pub(super) turn: Option<usize>,
 }
 
 struct Head {
@@ -98,16 +95,6 @@ impl Mesh {
         })
     }
 
-    /// Sets whether the heads take turns.
-    pub fn set_turns(&mut self, by_turns: bool) {
-        self.by_turns = by_turns;
-    }
-
-    /// Begins with another face: all heads run on the next picture.
-    pub fn begin(&mut self) {
-        self.turn = None;
-    }
-
     /// Returns the landmarks of the face inside `region`, in pixels of the picture, if the network sees one there.
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
@@ -116,9 +103,7 @@ impl Mesh {
             return Ok(None);
         }
         let (mesh, map) = (self.backbone.output(0).as_chunks::<3>().0, FeatureMap::new(self.backbone.output(2)));
-        for (point, found) in self.landmarks.0.iter_mut().zip(mesh) {
-            *point = *found;
-        }
+        self.landmarks.0.iter_mut().zip(mesh).for_each(|(point, found)| *point = *found);
         let turn = self.turn.filter(|_| self.by_turns);
         for (index, head) in self.heads.iter_mut().enumerate() {
             if turn.is_none_or(|turn| turn == index) {

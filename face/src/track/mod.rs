@@ -40,7 +40,7 @@ impl Tracker {
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
             self.region = self.detector.find(picture, &[])?;
-            self.mesh.begin();
+            self.mesh.turn = None;
         }
         Ok(self.region)
     }
@@ -61,7 +61,7 @@ impl Tracker {
 
     /// Sets whether the heads of the mesh take turns ([`Mesh`]).
     pub fn set_turns(&mut self, by_turns: bool) {
-        self.mesh.set_turns(by_turns);
+        self.mesh.by_turns = by_turns;
     }
 
     /// Forgets the region, so that the detector searches the next picture.
@@ -177,11 +177,8 @@ mod tests {
                 }
                 Ok(())
             });
-            assert_eq!(
-                follow(&mut tracker).expect("a run").is_some(),
-                is_face,
-                "{value} in output {output} of {network}"
-            );
+            let found = follow(&mut tracker).expect("a run").is_some();
+            assert_eq!(found, is_face, "{value} in output {output} of {network}");
         }
     }
 }

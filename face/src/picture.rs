@@ -63,10 +63,8 @@ impl Pixels<'_> {
 }
 
 /// Returns the columns and rows of a chroma plane, or `None` for a shift that no format has.
-fn chroma_size(size: [usize; 2], shift: [u8; 2]) -> Option<[usize; 2]> {
-    let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
-    let [[width, height], [x, y]] = [size, shift.map(usize::from)];
-    (x <= 2 && y <= 2).then(|| [shrink(width, shift[0]), shrink(height, shift[1])])
+fn chroma_size([width, height]: [usize; 2], [x, y]: [u8; 2]) -> Option<[usize; 2]> {
+    (x <= 2 && y <= 2).then(|| [width.div_ceil(1 << x), height.div_ceil(1 << y)])
 }
 
 /// Returns whether `plane` has `rows` rows of `row_bytes`, which are `stride` apart. The last row needs no padding.

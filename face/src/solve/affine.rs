@@ -162,7 +162,6 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<(Matrix3<f64>, f64, Vector3<f64>),
             Some((seen, Vector3::from(*canonical)))
         })
     };
-    #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
     let count = RIGID.len() as f64;
     let sums = pairs().fold([Vector3::zeros(); 2], |[a, b], (seen, canonical)| [a + seen, b + canonical]);
     let [seen_mean, canonical_mean] = sums.map(|sum| sum / count);

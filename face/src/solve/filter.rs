@@ -78,12 +78,10 @@ impl Filter {
         match (kind, &mut *state) {
             (FilterKind::Kalman, FilterState::Kalman(estimate)) => estimate.step(self, x, dt_s),
             (FilterKind::MovingAverage, FilterState::Window(window)) => {
-                window.push(x, dt_s, self.time_s);
-                window.mean(self.time_s)
+                window.push(x, dt_s, self.time_s).mean(self.time_s)
             }
             (FilterKind::TimeWeightedAverage, FilterState::Window(window)) => {
-                window.push(x, dt_s, self.time_s);
-                window.weighted_mean(self.time_s)
+                window.push(x, dt_s, self.time_s).weighted_mean(self.time_s)
             }
             (FilterKind::LowPass, FilterState::LowPass(last)) => {
                 *last = towards(*last, x, passed(dt_s, 0.5 * self.time_s));

@@ -159,16 +159,12 @@ impl Block {
     /// Converts the pixels around a block of samples, or returns `None` if they or the positions do not fit.
     pub(super) fn fill(&mut self, planes: &Planes, rows: &[Row], columns: Range<usize>) -> Option<()> {
         let ends = |row: &Row| [columns.start, columns.end - 1].map(|column| row.position(column));
-        let mut bounds = [[i32::MAX; 2], [i32::MIN; 2]];
-        for row in rows {
-            if !row.fits(columns.end - 1) {
-                return None;
-            }
-            for [x, y] in ends(row) {
-                let [min, max] = bounds;
-                bounds = [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]];
-            }
+        if !rows.iter().all(|row| row.fits(columns.end - 1)) {
+            return None;
         }
+        let bounds = rows.iter().flat_map(ends).fold([[i32::MAX; 2], [i32::MIN; 2]], |[min, max], [x, y]| {
+            [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]]
+        });
         let [[left, top], [right, bottom]] = bounds.map(|corner| corner.map(|at| at >> 16));
         // A group begins with a pixel that shares its chroma with the next one.
         self.origin = [left & !1, top];

@@ -87,8 +87,7 @@ fn candidates(boxes: &[f32], scores: &[f32]) -> impl Iterator<Item = Candidate> 
         let score = logistic(score.clamp(-SCORE_CLIP, SCORE_CLIP));
         let [x, y, width, height, x0, y0, x1, y1, ..] = values.map(|value| value / SIDE as f32);
         let (x, y) = (x + anchor_x, y + anchor_y);
-        let corners = [x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0];
-        let [left, top, right, bottom] = corners;
+        let [left, top, right, bottom] = [x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0];
         let values = [left, top, right, bottom, x0 + anchor_x, y0 + anchor_y, x1 + anchor_x, y1 + anchor_y];
         (score >= MIN_SCORE).then_some(Candidate { score, values })
     })

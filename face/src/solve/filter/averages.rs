@@ -21,7 +21,7 @@ impl<const N: usize> Window<N> {
         Self { newest: (value, f32::INFINITY), older: HistoryBuf::new() }
     }
 
-    pub fn push(&mut self, x: [f32; N], dt_s: f32, window_s: f32) {
+    pub fn push(&mut self, x: [f32; N], dt_s: f32, window_s: f32) -> &Self {
         let (value, newest_s) = self.newest;
         let span_s = newest_s + dt_s;
         // Two neighbouring bins last longer than this together, so that all of them cover the window.
@@ -33,6 +33,7 @@ impl<const N: usize> Window<N> {
             self.older.write(self.newest);
             self.newest = (x, dt_s);
         }
+        self
     }
 
     pub fn mean(&self, window_s: f32) -> [f32; N] {

@@ -165,11 +165,8 @@ mod tests {
         for (values, index) in appearance.skin.iter().zip(APPEARANCE_LANDMARKS) {
             // A cell of the map covers four samples of the picture, and its values are those of its centre.
             let [x, y, _] = landmarks.0[usize::from(index)].map(|value| (value - 2.0) / 4.0);
-            assert!(
-                values.iter().all(|value| (value - x - 100.0 * y).abs() < 1e-2),
-                "{index}: {} at {x} {y}",
-                values[0]
-            );
+            let is_near = values.iter().all(|value| (value - x - 100.0 * y).abs() < 1e-2);
+            assert!(is_near, "{index}: {} at {x} {y}", values[0]);
         }
     }
 

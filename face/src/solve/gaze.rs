@@ -19,6 +19,8 @@ use crate::track::EyeValues;
 
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
+/// The readings of the lids between which this share falls to nothing. The network has not learned eyes that are shut.
+const LIDS_HIDE: [f32; 2] = [0.3, 0.6];
 /// Share of that direction in a small turn, for yaw and pitch.
 const SMALL_TURN_SHARES: [f32; 2] = [0.4, 0.6];
 /// What a wide turn adds to these shares.
@@ -105,7 +107,9 @@ impl Model {
     pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
         if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
             let (seen, features) = (Gaze::of(raw), Features::new(face, Reference::MEAN));
-            let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(&features, eyes), PICTURE_SHARE);
+            let shut = pick(&raw.0, BLINKS).into_iter().fold(0.0, f32::max);
+            let share = PICTURE_SHARE * (1.0 - smoothstep(shut, LIDS_HIDE));
+            let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(&features, eyes), share);
             Gaze { yaw_pitch_deg, ..seen }.write(&mut raw.0);
         }
     }

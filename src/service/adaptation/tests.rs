@@ -194,6 +194,10 @@ fn a_slow_board_takes_a_small_picture_after_half_a_minute_and_keeps_it_while_a_f
     assert_eq!(sizes_s(86_400, slow), [30]);
     assert!(sizes_s(600, |_, _| (0.1, 1.9, Step::Third)).is_empty(), "decoding is a small part");
     assert!(sizes_s(600, |_, _| (0.6, 0.3, Step::Full)).is_empty(), "not slow");
+}
+
+#[test]
+fn the_full_size_comes_back_when_the_board_is_fast_again_for_ten_minutes() {
     let slow_until_100_s = |now_s, is_small| match (now_s < 100, is_small) {
         (true, true) => (0.4, 0.3, Step::Full),
         (true, false) => (1.6, 0.3, Step::Third),

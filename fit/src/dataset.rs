@@ -112,9 +112,7 @@ impl Appearances {
     fn new(rows: Vec<f16>) -> Result<Self> {
         let read = |eyes: &mut Result<Eyes, InferError>, row: &[f16]| -> Result<EyeValues> {
             let Ok(eyes) = eyes else { bail!("the network of the eyes cannot be loaded") };
-            for (pixel, value) in eyes.pictures.as_flattened_mut().iter_mut().zip(&row[Self::VALUES..]) {
-                *pixel = value.to_f32() as u8;
-            }
+            row[Self::VALUES..].convert_to_f32_slice(eyes.pictures.as_flattened_mut());
             Ok(eyes.read()?)
         };
         let eyes = rows.par_chunks_exact(Self::ROW).map_init(Eyes::load, read).collect::<Result<_>>()?;

@@ -158,9 +158,7 @@ impl Hold {
         let add = |sums: &mut [f32], values: &[f32]| sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         self.faces.add(&seen.face);
         self.residuals.iter_mut().zip(&seen.residuals).for_each(|(sums, residual)| add(sums, &residual.0));
-        if let (Some(sums), Some(values)) = (&mut self.eyes, &seen.eyes) {
-            add(sums.as_flattened_mut(), values.as_flattened());
-        }
+        self.eyes.iter_mut().zip(&seen.eyes).for_each(|(sums, eyes)| add(sums.as_flattened_mut(), eyes.as_flattened()));
         add(&mut self.coefficients, coefficients);
         add(&mut self.head_deg, &seen.head_deg);
         self.peak = self.peak.max(*strength);

@@ -36,7 +36,7 @@ const SLOWER: usize = FRAMES / 5;
 #[derive(Debug)]
 pub struct Histogram {
     counts: [AtomicU64; BUCKETS],
-    sum_ns: AtomicU64,
+    pub(super) sum_ns: AtomicU64,
 }
 
 impl Default for Histogram {
@@ -52,10 +52,6 @@ impl Histogram {
             count.fetch_add(1, Relaxed);
         }
         self.sum_ns.fetch_add(ns, Relaxed);
-    }
-
-    pub(super) fn sum_s(&self) -> f64 {
-        self.sum_ns.load(Relaxed) as f64 / 1e9
     }
 
     /// Returns the duration in milliseconds at each of the given quantiles. All are 0 before the first duration.

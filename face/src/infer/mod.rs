@@ -159,12 +159,10 @@ pub fn engine(choice: EngineChoice, folder: impl AsRef<Path>, threads: u32) -> R
 }
 
 /// Loads a network that the program contains. It runs on the native engine and on the caller's thread, whatever the choice.
-pub(crate) fn built_in(content: &[u8], signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
-    let damaged = |reason: String| InferError(format!("the built-in network {} is damaged ({reason})", signature.name));
-    let graph = file::read(content).map_err(|error| damaged(error.to_string()))?;
-    check(&graph, signature).map_err(damaged)?;
-    let network = facewire_engine::Network::with_team(&graph, kernels::fastest(), team(1)?);
-    let mut network = network.map_err(|error| damaged(error.to_string()))?;
+pub(crate) fn built_in(content: &[u8]) -> Result<Box<dyn Network>, InferError> {
+    let damaged = |error| InferError(format!("a network that the program contains is damaged ({error})"));
+    let graph = file::read(content).map_err(damaged)?;
+    let mut network = facewire_engine::Network::with_team(&graph, kernels::fastest(), team(1)?).map_err(damaged)?;
     network.run();
     Ok(Box::new(network))
 }

@@ -71,12 +71,10 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// weights = [120.5, 0.3]
 ///
 /// [eyes]                      # may be missing: the layer from pictures of the eyes to yaw and pitch in degrees
-/// offsets = [0.1, -2.0, 0.5]  # of yaw, of pitch, and of the 64 hidden units
+/// inputs = { x468 = [-12.5, 0.1, 3.0] }         # the weights of features for yaw, for pitch and for the 64 hidden units
+/// values = [[0.1, 0.2, 0.3]]  # the same for each value of the right eye, then of the left
+/// offsets = [0.1, -2.0, 0.5]
 /// outputs = [[1.5, 0.2]]      # the weights of each hidden unit for yaw and pitch
-/// values = [[0.1, 0.2, 0.3]]  # of each value of the right eye, then of the left: weights for yaw, pitch and the units
-///
-/// [eyes.inputs]               # the weights of features
-/// x468 = [-12.5, 0.1, 3.0]
 ///
 /// [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
 /// shift = -0.02               # beta
@@ -168,11 +166,8 @@ pub struct EyesTable {
 impl EyesTable {
     fn to_layer(&self) -> Result<EyesLayer, ModelError> {
         let mut weights = Vec::new();
-        for (name, own) in &self.inputs {
-            weights.extend(row::<EYE_SUMS>(&format!("eyes.inputs.{name}"), own)?);
-        }
-        for own in &self.values {
-            weights.extend(row::<EYE_SUMS>("eyes.values", own)?);
+        for own in self.inputs.values().chain(&self.values) {
+            weights.extend(row::<EYE_SUMS>("eyes.inputs or eyes.values", own)?);
         }
         if (self.values.len(), self.outputs.len()) != (2 * EYE_VALUES, EYE_SUMS - 2) {
             return Err(invalid("eyes", "has not as many rows as there are values of both eyes, and units"));
@@ -526,11 +521,9 @@ pub(super) mod tests {
             ("gaze.inputs.x468", "gaze.inputs.x468.weights", "[1e300]"),
             ("\"x999\" in gaze.inputs", "gaze.inputs.x999", input),
             ("gaze.offsets.neutral_unknown", "gaze.offsets.neutral_unknown", "[0.0, 0.0, 0.0]"),
-            ("eyes.inputs.x468", "eyes.inputs.x468", "[1e300]"),
+            ("eyes.inputs", "eyes.inputs.x468", "[1e300]"),
             ("\"x999\" in eyes.inputs", "eyes.inputs.x999", "[]"),
-            ("eyes.offsets", "eyes.offsets", &units),
-            ("eyes of the model file has not as many rows", "eyes.values", "[]"),
-            ("eyes of the model file has not as many rows", "eyes.outputs", "[[0.0, 0.0]]"),
+            ("not as many rows as there are values", "eyes.values", "[]"),
             ("correction.jawOpen", "correction.jawOpen", &terms("-0.2", "[0.4, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("0.2", "[0.8, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("nan", "[0.4, 0.8]")),

@@ -4,8 +4,7 @@
 mod file;
 mod formulas;
 
-use core::fmt;
-use std::{io, path::PathBuf};
+use std::{fmt, io, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 

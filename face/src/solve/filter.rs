@@ -229,8 +229,7 @@ pub(super) mod tests {
     #[test]
     fn outputs_lie_between_the_least_and_the_greatest_input_whatever_the_times() {
         for (filter, seed) in filters().flat_map(|filter| (0..20).map(move |seed| (filter, seed))) {
-            let signal = irregular(seed).map(|(x, dt_s)| (0.3 + 0.1 * x, dt_s));
-            let out = run(&filter, signal.take(500));
+            let out = run(&filter, irregular(seed).map(|(x, dt_s)| (0.3 + 0.1 * x, dt_s)).take(500));
             assert!(out.iter().all(|y| (0.3 - 1e-6..=0.4 + 1e-6).contains(y)), "{filter:?}, seed {seed}");
         }
     }

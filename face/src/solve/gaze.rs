@@ -231,25 +231,20 @@ mod tests {
         let mut weights = vec![0.0; (1 + 2 * EYE_VALUES) * EYE_SUMS];
         // The first sum, yaw, reads how the head is turned; the first hidden unit reads a value of the left eye.
         (weights[0], weights[(1 + EYE_VALUES + 3) * EYE_SUMS + 2]) = (20.0, 1.0);
-        let mut outputs = vec![[0.0; 2]; EYE_SUMS - 2];
-        outputs[0] = [4.0, -2.0];
-        let (inputs, mut offsets) = (FeatureId::from_name("yaw").into_iter().collect(), [0.0; EYE_SUMS]);
+        let (inputs, outputs) = (FeatureId::from_name("yaw").into_iter().collect(), Box::new([[4.0, -2.0]]));
+        let mut offsets = [0.0; EYE_SUMS];
         offsets[1] = 5.0;
-        let eyes = EyesLayer { inputs, weights: weights.into(), offsets, outputs: outputs.into() };
+        let eyes = EyesLayer { inputs, weights: weights.into(), offsets, outputs };
         let model = Model { eyes: Some(eyes), ..Model::embedded() };
         let head = normalise(&face([30.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
         for (value, found_deg) in [(3.0, [22.0, -1.0]), (-3.0, [10.0, 5.0])] {
-            let mut raw = Coefficients([0.0; COEFFS]);
+            let (mut raw, mut values) = (Coefficients([0.0; COEFFS]), EyeValues::default());
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
-            let mut values = EyeValues::default();
             values[1][3] = value;
             model.look(&mut raw, &head, Some(&values));
             let want = towards([1.0, 2.0], found_deg, PICTURE_SHARE);
             let got = Gaze::of(&raw).yaw_pitch_deg;
             assert!(got.iter().zip(want).all(|(got, want)| (got - want).abs() < 0.1), "{got:?} in place of {want:?}");
-            let before = raw;
-            model.look(&mut raw, &head, None);
-            assert_eq!(raw, before, "landmarks from a file come without pictures");
         }
     }
 

@@ -5,29 +5,25 @@
 
 use super::landmarks::{FaceBox, Landmarks};
 use super::{Block, Border, CropShape, crop};
-use crate::infer::{InferError, Network, Signature, built_in};
+use crate::infer::{InferError, Network, built_in};
 use crate::model::EYE_VALUES;
 use crate::picture::Picture;
 
 /// Rows and columns of the picture of an eye.
 pub const EYE_SIDE: usize = 32;
 
-/// Brightness of each pixel, row by row. The left eye is mirrored, so that both look like a right one.
-pub type EyePicture = [u8; EYE_SIDE * EYE_SIDE];
+/// Brightness of each pixel, row by row, whole numbers from 0 to 255. The left eye is mirrored, so that both look like a right one.
+pub type EyePicture = [f32; EYE_SIDE * EYE_SIDE];
 /// The network's values for the right eye and for the left one.
 pub type EyeValues = [[f32; EYE_VALUES]; 2];
 
 const FILE: &[u8] = include_bytes!("../../../models/eyes.fwnet");
-static SIGNATURE: Signature =
-    Signature { name: "eyes", input: [EYE_SIDE, EYE_SIDE, 1], outputs: &[("values", &[EYE_VALUES])] };
 
 /// Corners of the right eye, and of the left.
 const CORNERS: [[usize; 2]; 2] = [[33, 133], [362, 263]];
 /// Side of an eye's picture, divided by that of the region of the face.
 const SHARE: f32 = 0.16;
 const SHAPE: CropShape = CropShape { side: EYE_SIDE, range: [0.0, 255.0], border: Border::Replicate };
-/// Weights of red, green and blue in the brightness (ITU-R BT.601).
-const BRIGHTNESS: [f32; 3] = [0.299, 0.587, 0.114];
 /// What is added to the deviation of the brightness, so that noise in an even picture stays small.
 const LEAST_CONTRAST: f32 = 4.0;
 
@@ -42,8 +38,8 @@ pub struct Eyes {
 impl Eyes {
     /// Loads the network.
     pub fn load() -> Result<Self, InferError> {
-        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], [[0; EYE_SIDE * EYE_SIDE]; 2]);
-        Ok(Self { network: built_in(FILE, &SIGNATURE)?, samples, pictures })
+        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], [[0.0; EYE_SIDE * EYE_SIDE]; 2]);
+        Ok(Self { network: built_in(FILE)?, samples, pictures })
     }
 
     /// Takes the pictures of both eyes of the face with these landmarks, which was found in `region`.
@@ -55,7 +51,10 @@ impl Eyes {
             let place = FaceBox { centre, size: SHARE * region.size, angle_rad: region.angle_rad };
             crop(picture, &place, SHAPE, block, &mut self.samples);
             for (row, samples) in eye.as_chunks_mut::<EYE_SIDE>().0.iter_mut().zip(&self.samples) {
-                row.iter_mut().zip(samples.as_chunks().0).for_each(|(pixel, colour)| *pixel = brightness(*colour));
+                for (pixel, [red, green, blue]) in row.iter_mut().zip(samples.as_chunks().0) {
+                    // ITU-R BT.601.
+                    *pixel = (0.299 * red + 0.587 * green + 0.114 * blue).round();
+                }
                 if index == 1 {
                     row.reverse();
                 }
@@ -68,12 +67,12 @@ impl Eyes {
         let mut values = EyeValues::default();
         for (picture, values) in self.pictures.iter().zip(&mut values) {
             let count = picture.len() as f32;
-            let mean = picture.iter().map(|pixel| f32::from(*pixel)).sum::<f32>() / count;
-            let squares = picture.iter().map(|pixel| (f32::from(*pixel) - mean).powi(2)).sum::<f32>();
+            let mean = picture.iter().sum::<f32>() / count;
+            let squares = picture.iter().map(|pixel| (pixel - mean).powi(2)).sum::<f32>();
             let scale = 1.0 / ((squares / count).sqrt() + LEAST_CONTRAST);
             for (number, row) in picture.as_chunks::<EYE_SIDE>().0.iter().enumerate() {
                 let inputs = self.network.input_row(number).iter_mut().zip(row);
-                inputs.for_each(|(input, pixel)| *input = (f32::from(*pixel) - mean) * scale);
+                inputs.for_each(|(input, pixel)| *input = (pixel - mean) * scale);
             }
             self.network.run()?;
             values.iter_mut().zip(self.network.output(0)).for_each(|(value, output)| *value = *output);
@@ -82,17 +81,11 @@ impl Eyes {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sum of shares of 0 to 255")]
-fn brightness(colour: [f32; 3]) -> u8 {
-    (colour.iter().zip(BRIGHTNESS).map(|(value, share)| value * share).sum::<f32>() + 0.5) as u8
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::picture::Pixels;
 
-    const SIZE: [usize; 2] = [200, 100];
     /// The middle of the right eye and of the left one.
     const MIDDLES: [f32; 2] = [70.0, 130.0];
 
@@ -102,9 +95,8 @@ mod tests {
             let right = MIDDLES.map(|middle| x as f32 - middle - offset[0]);
             right.iter().any(|right| right.hypot(y as f32 - 50.0 - offset[1]) < 5.0)
         };
-        let pixels = (0..SIZE[0] * SIZE[1]).map(|at| if is_iris(at % SIZE[0], at / SIZE[0]) { dark } else { bright });
-        let data: Vec<u8> = pixels.collect();
-        let picture = Picture::new(SIZE[0], SIZE[1], Pixels::Grey { data: &data, stride: SIZE[0] }, true);
+        let data: Vec<u8> = (0..200 * 100).map(|at| if is_iris(at % 200, at / 200) { dark } else { bright }).collect();
+        let picture = Picture::new(200, 100, Pixels::Grey { data: &data, stride: 200 }, true).expect("whole");
         let mut landmarks = Landmarks::zero();
         for (corners, middle) in CORNERS.into_iter().zip(MIDDLES) {
             landmarks.0[corners[0]] = [middle - 13.0, 50.0, 0.0];
@@ -112,7 +104,7 @@ mod tests {
         }
         let region = FaceBox { centre: [100.0, 50.0], size: 190.0, angle_rad: 0.0 };
         let mut eyes = Eyes::load().expect("the network");
-        eyes.look(&picture.expect("whole"), &region, &landmarks, &mut Block::default());
+        eyes.look(&picture, &region, &landmarks, &mut Block::default());
         eyes.read().expect("a run")
     }
 
@@ -121,18 +113,12 @@ mod tests {
     }
 
     #[test]
-    fn an_eye_that_looks_elsewhere_has_other_values_and_the_left_eye_is_read_as_the_mirror_image_of_a_right_one() {
+    fn eyes_that_look_elsewhere_have_other_values_in_any_light_and_the_left_one_is_read_as_a_mirrored_right_one() {
         let [left, right] = [-4.0, 4.0].map(|offset| seen([offset, 0.0], [40, 200]));
         let turned = difference(&left[0], &right[0]);
         assert!(difference(&left[0], &right[1]) < 0.5 * turned, "{turned}");
         assert!(difference(&left[1], &right[0]) < 0.5 * turned, "{turned}");
-    }
-
-    #[test]
-    fn brightness_and_contrast_of_the_picture_make_little_difference() {
-        let [bright, dark] = [[40, 200], [30, 110]].map(|pixels| seen([2.0, 1.0], pixels));
-        let turned = seen([2.0, 4.0], [40, 200]);
-        let change = difference(bright.as_flattened(), turned.as_flattened());
-        assert!(difference(bright.as_flattened(), dark.as_flattened()) < 0.3 * change, "{change}");
+        let dark = seen([4.0, 0.0], [30, 110]);
+        assert!(difference(&dark[0], &right[0]) < 0.2 * turned, "brightness and contrast make little difference");
     }
 }

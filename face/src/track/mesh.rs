@@ -9,7 +9,7 @@ use crate::picture::Picture;
 
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
-use super::eyes::{EyePicture, Eyes};
+use super::eyes::Eyes;
 use super::feature_map::{FeatureMap, Transform};
 use super::landmarks::{Appearance, Face, FaceBox, Landmarks};
 use super::refinement::{
@@ -61,7 +61,8 @@ pub struct Mesh {
     backbone: Box<dyn Network>,
     heads: Vec<Head>,
     block: Block,
-    eyes: Eyes,
+    /// What the eyes of the last face look like.
+    pub eyes: Eyes,
     landmarks: Landmarks,
     appearance: Appearance,
     /// Whether the heads take turns.
@@ -118,11 +119,6 @@ impl Mesh {
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
         self.appearance.eyes = self.eyes.read()?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
-    }
-
-    /// The pictures of the right and the left eye that was found last.
-    pub fn eye_pictures(&self) -> &[EyePicture; 2] {
-        &self.eyes.pictures
     }
 
     /// The face that was found last.

@@ -16,7 +16,7 @@ use crate::picture::Picture;
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
-pub use eyes::{EYE_SIDE, EyePicture, EyeValues, Eyes};
+pub use eyes::{EYE_SIDE, EyeValues, Eyes};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use feature_map::Transform;
 pub use feature_map::bounds;

@@ -83,8 +83,8 @@ impl<'a> Worker<'a> {
                 rows.numbers.extend(row(face.landmarks.0.as_flattened(), subject, &spec, tries));
                 let skin = face.appearance.iter().flat_map(|appearance| appearance.skin.as_flattened());
                 rows.appearance.extend(skin.map(|value| f16::from_f32(*value)));
-                let eyes = self.finder.mesh.eye_pictures().as_flattened();
-                rows.appearance.extend(eyes.iter().map(|pixel| f16::from_f32(f32::from(*pixel))));
+                let eyes = self.finder.mesh.eyes.pictures.as_flattened();
+                rows.appearance.extend(eyes.iter().map(|pixel| f16::from_f32(*pixel)));
                 return Ok(Some(jpeg));
             }
         }

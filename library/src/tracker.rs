@@ -167,7 +167,6 @@ impl FaceTracker {
                 self.found += 1;
                 seat.face.id = self.found;
                 seat.region = Some(region);
-                seat.mesh.begin();
             }
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! The file form of a network, written by `models/networks/to_native.py`.
+//! The file form of a network, written by `models/networks/to_native.py` and `models/eyes/train.py`.
 //!
 //! All numbers are little-endian. `port` is a tensor (u16), the length of its name (u8) and the name (ASCII).
 //!

@@ -41,7 +41,8 @@ SIGNS = torch.tensor([-1.0, 1.0] * 10 + [-1.0, 1.0, -1.0])
 # The stride of each block of the network, and its channels.
 CHANNELS, BLOCKS = 16, ((1, 16), (2, 32), (1, 32), (2, 64), (1, 64))
 BATCH, RATE, DECAY, BEND_DEG = 512, 4e-3, 2e-3, 3.0
-# Factors on yaw and pitch. The error is least when movements are too small; with these they are as large as true ones on films.
+# Training for the least error makes movements too small. These factors on yaw and pitch, chosen on films, give them their true
+# size. `judge` prints the figures without them.
 GAINS = np.array([1.15, 1.19])
 # Kinds of operator in a network's file (engine/src/file.rs).
 CONVOLUTION, DEPTHWISE, PRELU, ADD, MAX_POOL, PAD_CHANNELS = 0, 1, 2, 4, 5, 6

@@ -57,7 +57,7 @@ impl Seen {
         Some(Self { residuals, eyes: appearance.map(|appearance| appearance.eyes), face, head_deg })
     }
 
-    /// Output of the regression for this face. Without a neutral face it is measured from the mean of many people. `None`
+    /// What the regression and the pictures of the eyes give for this face. Without a neutral face it is measured from the mean of many people. `None`
     /// if the model makes nothing of it.
     pub fn raw(&self, model: &Model, neutral: Option<&Neutral>) -> Option<[f32; COEFFS]> {
         let [unknown, known] = &self.residuals;

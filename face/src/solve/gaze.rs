@@ -2,8 +2,8 @@
 //!
 //! A linear map of a few points of the eyes (eq. 4) follows small movements of every wearer. But each wearer shifts it by an
 //! offset of their own, and the landmarks of the irises lag at the ends of the range. The regression, which reads the whole
-//! face, is right at those ends and on average, above all together with a layer that reads a picture of each eye. So the mean
-//! difference is the offset, and the result blends both: the map has its say in small turns, and hardly any in wide ones.
+//! face, is right at those ends and on average, even more so once a layer that reads a picture of each eye is blended in. So the
+//! mean difference between this blend and the map is the offset. In the result the map counts in small turns, and hardly in wide ones.
 
 use std::slice;
 
@@ -19,13 +19,13 @@ use crate::track::EyeValues;
 
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
-/// The readings of the lids between which this share falls to nothing. The network has not learned eyes that are shut.
+/// While a lid closes from the first to the second of these readings, this share falls to 0: the network has not learned shut eyes.
 const LIDS_HIDE: [f32; 2] = [0.3, 0.6];
 /// Share of that direction in a small turn, for yaw and pitch.
 const SMALL_TURN_SHARES: [f32; 2] = [0.4, 0.6];
 /// What a wide turn adds to these shares.
 const WIDE_TURN_ADDS: f32 = 0.4;
-/// The turns between which the regression's share rises, degrees.
+/// The turns between which that share rises, degrees.
 const WIDE_TURN_DEG: [f32; 2] = [5.0, 15.0];
 /// The most that an eye turns, degrees.
 const MAX_TURN_DEG: f32 = 90.0;
@@ -121,7 +121,7 @@ fn bounded_turn_deg(turn_deg: f32) -> f32 {
     turn_deg.max(-MAX_TURN_DEG).min(MAX_TURN_DEG)
 }
 
-/// The mean difference between regression and map, which is the wearer's offset, and for how long it has been observed.
+/// The mean difference between map and regression, with which the pictures of the eyes are blended, which is the wearer's offset, and for how long it has been observed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Offset {
     mean_deg: [f32; 2],
@@ -227,20 +227,20 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_the_eyes_move_the_gaze_by_their_share() {
+    fn pictures_of_the_eyes_move_the_gaze_by_their_share_and_not_that_of_shut_eyes() {
         let mut weights = vec![0.0; (1 + 2 * EYE_VALUES) * EYE_SUMS];
         // The first sum, yaw, reads how the head is turned; the first hidden unit reads a value of the left eye.
         (weights[0], weights[(1 + EYE_VALUES + 3) * EYE_SUMS + 2]) = (20.0, 1.0);
         let (inputs, outputs) = (FeatureId::from_name("yaw").into_iter().collect(), Box::new([[4.0, -2.0]]));
-        let mut offsets = [0.0; EYE_SUMS];
-        offsets[1] = 5.0;
+        let offsets = core::array::from_fn(|sum| if sum == 1 { 5.0 } else { 0.0 });
         let eyes = EyesLayer { inputs, weights: weights.into(), offsets, outputs };
         let model = Model { eyes: Some(eyes), ..Model::embedded() };
         let head = normalise(&face([30.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
-        for (value, found_deg) in [(3.0, [22.0, -1.0]), (-3.0, [10.0, 5.0])] {
+        for (value, shut, found_deg) in [(3.0, 0.0, [22.0, -1.0]), (-3.0, 0.0, [10.0, 5.0]), (3.0, 0.7, [1.0, 2.0])] {
             let (mut raw, mut values) = (Coefficients([0.0; COEFFS]), EyeValues::default());
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
             values[1][3] = value;
+            put(&mut raw.0, BLINKS, [shut, 0.0]);
             model.look(&mut raw, &head, Some(&values));
             let want = towards([1.0, 2.0], found_deg, PICTURE_SHARE);
             let got = Gaze::of(&raw).yaw_pitch_deg;

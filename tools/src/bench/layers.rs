@@ -9,7 +9,7 @@ use facewire::config::NetworkSettings;
 use facewire_face::InferError;
 use facewire_face::stages::native_network;
 
-/// The networks of a frame in which a face is followed, in the order in which they run, and the detector.
+/// The networks from files of a frame in which a face is followed, in the order in which they run, and the detector.
 const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", DETECTOR];
 const DETECTOR: &str = "detector";
 /// How often each network runs as a whole, and then again layer by layer.
@@ -20,7 +20,7 @@ pub struct Layers {
     kernels: &'static str,
     /// The most multiply-adds per second that this core can compute, with operands in registers, in thousand millions.
     peak_g_per_s: f64,
-    /// The networks of a followed face together.
+    /// The networks of a followed face together, without that of the eyes.
     frame: Speed,
     networks: Vec<NetworkSpeed>,
 }

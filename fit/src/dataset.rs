@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, path::Path};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 use facewire_face::stages::{EYE_SIDE, Eyes};
 use facewire_face::{Appearance, BLENDSHAPES, COEFFS, EyeValues, InferError, LANDMARKS, Landmarks};
@@ -111,7 +111,7 @@ impl Appearances {
 
     fn new(rows: Vec<f16>) -> Result<Self> {
         let read = |eyes: &mut Result<Eyes, InferError>, row: &[f16]| -> Result<EyeValues> {
-            let Ok(eyes) = eyes else { bail!("the network of the eyes cannot be loaded") };
+            let eyes = eyes.as_mut().map_err(|error| InferError(error.0.clone()))?;
             row[Self::VALUES..].convert_to_f32_slice(eyes.pictures.as_flattened_mut());
             Ok(eyes.read()?)
         };

@@ -53,12 +53,12 @@ impl Seen {
         let face = normalise(landmarks).ok()?;
         let head_deg = HeadPose::new(&face, camera).yaw_pitch_roll_deg();
         let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Coefficients([0.0; COEFFS])));
-        let residuals = [residual(0.0)?, residual(1.0)?];
-        Some(Self { residuals, eyes: appearance.map(|appearance| appearance.eyes), face, head_deg })
+        let eyes = appearance.map(|it| it.eyes);
+        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], eyes, face, head_deg })
     }
 
-    /// What the regression and the pictures of the eyes give for this face. Without a neutral face it is measured from the mean of many people. `None`
-    /// if the model makes nothing of it.
+    /// What the regression and the pictures of the eyes give for this face. Without a neutral face it is measured from the
+    /// mean of many people. `None` if the model makes nothing of it.
     pub fn raw(&self, model: &Model, neutral: Option<&Neutral>) -> Option<[f32; COEFFS]> {
         let [unknown, known] = &self.residuals;
         let residual = if neutral.is_some() { known } else { unknown };

@@ -201,8 +201,9 @@ impl HotLoop {
             let step = self.counters.step();
             self.timing.set_step(step);
             camera.source.leave_out_until(self.timing.wanted_us());
-            let trackers = self.pipeline.iter_mut().filter_map(|pipeline| pipeline.tracker.as_mut());
-            trackers.for_each(|tracker| tracker.set_turns(step.has_turns()));
+            if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
+                tracker.set_turns(step.has_turns());
+            }
             let outcome = match camera.next() {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {

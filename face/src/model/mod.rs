@@ -216,8 +216,7 @@ pub(crate) struct GazeInput {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct EyesLayer {
     pub(crate) inputs: Box<[FeatureId]>,
-    /// The columns of `W`, each with [`EYE_SUMS`] weights: one for each feature, then for each value of the right eye, then
-    /// of the left.
+    /// The columns of `W`: one for each feature, then for each value of the right eye, then of the left.
     pub(crate) weights: Box<[f32]>,
     #[serde(with = "list")]
     pub(crate) offsets: [f32; EYE_SUMS],

@@ -1,9 +1,9 @@
 //! The direction of the eyes, as a stage of its own: all else that moves in a face is larger and drowns it out.
 //!
 //! A linear map of a few points of the eyes (eq. 4) follows small movements of every wearer. But each wearer shifts it by an
-//! offset of their own, and the landmarks of the irises lag at the ends of the range. The regression, which reads the whole
-//! face, is right at those ends and on average, even more so once a layer that reads a picture of each eye is blended in. So the
-//! mean difference between this blend and the map is the offset. In the result the map counts in small turns, and hardly in wide ones.
+//! offset of their own, and the landmarks of the irises lag at the ends of the range. A blend of the regression, which reads
+//! the whole face, and a layer that reads a picture of each eye is right at those ends and on average. So the mean difference
+//! between blend and map is the offset. In the result the map counts in small turns, and hardly in wide ones.
 
 use std::slice;
 
@@ -19,7 +19,7 @@ use crate::track::EyeValues;
 
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
-/// While a lid closes from the first to the second of these readings, this share falls to 0: the network has not learned shut eyes.
+/// While a lid closes from the first to the second of these readings, this share falls to 0.
 const LIDS_HIDE: [f32; 2] = [0.3, 0.6];
 /// Share of that direction in a small turn, for yaw and pitch.
 const SMALL_TURN_SHARES: [f32; 2] = [0.4, 0.6];
@@ -121,7 +121,7 @@ fn bounded_turn_deg(turn_deg: f32) -> f32 {
     turn_deg.max(-MAX_TURN_DEG).min(MAX_TURN_DEG)
 }
 
-/// The mean difference between map and regression, with which the pictures of the eyes are blended, which is the wearer's offset, and for how long it has been observed.
+/// The wearer's offset, which is the mean difference between blend and map, and for how long it has been observed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Offset {
     mean_deg: [f32; 2],
@@ -129,8 +129,8 @@ pub(super) struct Offset {
 }
 
 impl Offset {
-    /// Blends the gaze of the map, shifted by the offset, into the results of the regression. The first frame with open eyes
-    /// shows the regression's.
+    /// Blends the gaze of the map, shifted by the offset, into the gaze in `raw`. The first frame with open eyes shows that
+    /// in `raw`.
     pub(super) fn step(&mut self, map_deg: [f32; 2], raw: &mut Coefficients, dt_s: f32) {
         let seen = Gaze::of(raw);
         let are_eyes_open = pick(&raw.0, BLINKS).iter().all(|shut| *shut <= SHUT);

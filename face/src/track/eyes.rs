@@ -12,7 +12,7 @@ use crate::picture::Picture;
 /// Rows and columns of the picture of an eye.
 pub const EYE_SIDE: usize = 32;
 
-/// Brightness of each pixel, row by row, whole numbers from 0 to 255. The left eye is mirrored, so that both look like a right one.
+/// Brightness of each pixel, 0 to 255, row by row. The left eye is mirrored, so that both look like a right one.
 pub type EyePicture = [f32; EYE_SIDE * EYE_SIDE];
 /// The network's values for the right eye and for the left one.
 pub type EyeValues = [[f32; EYE_VALUES]; 2];

@@ -42,8 +42,8 @@ pub fn check(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns how the faces in the pictures of a subject
-/// look, which are not all in memory at the same time.
+/// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns how those of a subject look,
+/// which is not in memory for all at the same time.
 pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(u64) -> Result<Vec<f16>>) -> Result<()> {
     let rows = || subjects.iter().flat_map(|rows| rows.chunks_exact(ROW));
     let pictures = rows().count() as u64;

@@ -169,6 +169,7 @@ impl Model {
 pub(crate) struct HiddenLayer {
     pub(crate) inputs: Box<[Input]>,
     /// The columns of `W`, each with [`MAX_HIDDEN`] weights, one column for each input.
+    #[serde(with = "four_decimals")]
     pub(crate) weights: Box<[f32]>,
     /// `a` where the wearer's neutral face is known, and where it is not.
     #[serde(with = "list")]
@@ -228,6 +229,7 @@ pub(crate) struct EyesLayer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Output {
     /// The columns of `V`, each with [`COEFFS`] weights, one column for each unit.
+    #[serde(with = "four_decimals")]
     pub(crate) weights: Box<[f32]>,
     #[serde(with = "list")]
     pub(crate) offsets: [f32; COEFFS],
@@ -285,6 +287,21 @@ mod list {
         from: D,
     ) -> Result<[T; N], D::Error> {
         Vec::deserialize(from)?.try_into().map_err(|_| D::Error::custom("a list of another length"))
+    }
+}
+
+/// Writes weights as whole ten-thousandths: model files have no more decimals, and most of these take two bytes, not four.
+mod four_decimals {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    #[allow(clippy::cast_possible_truncation, reason = "the weights of a model are small")]
+    pub fn serialize<S: Serializer>(weights: &[f32], to: S) -> Result<S::Ok, S::Error> {
+        to.collect_seq(weights.iter().map(|weight| (weight * 1e4).round() as i32))
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "the nearest number of single precision is wanted")]
+    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Box<[f32]>, D::Error> {
+        Ok(Vec::<i32>::deserialize(from)?.into_iter().map(|count| (f64::from(count) / 1e4) as f32).collect())
     }
 }
 

@@ -88,8 +88,7 @@ impl Pipeline {
         Ok(Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg })
     }
 
-    /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is
-    /// no face, or a picture but no tracker.
+    /// Finds the face of one frame by [`find`].
     pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<Face<'a>>, InferError> {
         find(self.tracker.as_mut(), &mut StageTimes::default(), frame)
     }
@@ -124,7 +123,9 @@ impl Pipeline {
     }
 }
 
-fn find<'a>(
+/// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
+/// face, or a picture but no tracker.
+pub fn find<'a>(
     tracker: Option<&'a mut Tracker>,
     times: &mut StageTimes,
     frame: &Frame<'a>,

@@ -7,10 +7,10 @@ use facewire_face::{Camera, Landmarks, Tracker};
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Store, WearerName};
-use crate::capture::{Clip, Frame, Source as _, monotonic_us};
+use crate::capture::{Clip, Source as _, monotonic_us};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::link::{Link, notes};
-use crate::pipeline::{load_solver, load_tracker, model_warning};
+use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::Watch;
 use facewire_board::{self as board, Flags, ImpairmentSet, Machine, Sensors};
@@ -92,14 +92,12 @@ fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
 fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     let mut tracker = load_tracker(settings)?;
     let mut clip = Clip::once()?;
-    let frame = clip.next()?;
-    let picture = frame.as_ref().and_then(Frame::picture);
-    let picture = picture.ok_or_else(|| Failure::data("the built-in clip is empty".to_owned()))?;
+    let frame = clip.next()?.ok_or_else(|| Failure::data("the built-in clip is empty".to_owned()))?;
+    let found = find(Some(&mut tracker), &mut StageTimes::default(), &frame)?;
     let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
-    let region = tracker.detect(picture)?.ok_or_else(none)?;
-    let landmarks = tracker.landmarks(picture, &region)?.ok_or_else(none)?.clone();
+    let landmarks = found.ok_or_else(none)?.landmarks.clone();
     tracker.forget();
-    Ok((tracker, (landmarks, [picture.width, picture.height].map(|side| side as f32))))
+    Ok((tracker, (landmarks, frame.size_px())))
 }
 
 fn check_wearer(settings: &Settings) -> Result<String, Failure> {
@@ -133,16 +131,9 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     let (mut watch, mut delivered, mut last_look, mut face_px) = (Watch::new(HOLD_US), None, None, None);
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
-        if let Some(frame) = camera.next()?
-            && let Some(picture) = frame.picture()
-        {
-            let mut landmarks = None;
-            if let Some(tracker) = tracker.as_deref_mut()
-                && let Some(region) = tracker.detect(picture)?
-            {
-                landmarks = tracker.landmarks(picture, &region)?;
-            }
-            last_look = watch.frame(&frame, landmarks).or(last_look);
+        if let Some(frame) = camera.next()? {
+            let found = find(tracker.as_deref_mut(), &mut StageTimes::default(), &frame)?;
+            last_look = watch.frame(&frame, found.map(|face| face.landmarks)).or(last_look);
             face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
         delivered = watch.deliveries(&mut *camera.source).or(delivered);

@@ -53,18 +53,15 @@ impl Pixels<'_> {
                 let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
                 holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
             }
-            Self::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift } => {
-                let size = chroma_size([width, height], chroma_shift);
+            // No format has chroma that is less than a quarter as wide or as high.
+            Self::Planar { chroma_shift: [x, y], .. } if x.max(y) > 2 => false,
+            Self::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift: [x, y] } => {
+                let chroma_size = [width.div_ceil(1 << x), height.div_ceil(1 << y)];
                 holds(luma, stride, [width, height])
-                    && size.is_some_and(|size| [cb, cr].iter().all(|plane| holds(plane, chroma_stride, size)))
+                    && [cb, cr].iter().all(|plane| holds(plane, chroma_stride, chroma_size))
             }
         }
     }
-}
-
-/// Returns the columns and rows of a chroma plane, or `None` for a shift that no format has.
-fn chroma_size([width, height]: [usize; 2], [x, y]: [u8; 2]) -> Option<[usize; 2]> {
-    (x <= 2 && y <= 2).then(|| [width.div_ceil(1 << x), height.div_ceil(1 << y)])
 }
 
 /// Returns whether `plane` has `rows` rows of `row_bytes`, which are `stride` apart. The last row needs no padding.

@@ -301,13 +301,11 @@ pub(super) struct PictureSize {
 
 impl PictureSize {
     fn update(&mut self, now_us: u64, conditions: &Conditions, step: Step, cause: Option<Cause>) {
-        let load_if =
-            |share: fn(Duration) -> Duration| conditions.load.map(|load| load.with_decoding(share(load.decoding)));
         let (is_better, wait_us) = if self.is_small {
-            let full = load_if(|decoding| decoding * SMALL_SHARE);
+            let full = conditions.load.map(|load| load.with_decoding(load.decoding * SMALL_SHARE));
             (step == Step::Full && full.is_some_and(|load| load.fits_well(Step::Full)), self.wait.us)
         } else {
-            let small = load_if(|decoding| decoding / SMALL_SHARE);
+            let small = conditions.load.map(|load| load.with_decoding(load.decoding / SMALL_SHARE));
             let gains = small.is_some_and(|load| load.best_above(step).is_some());
             (conditions.has_smaller_mode && cause == Some(Cause::Slow) && gains, SMALL_AFTER_US)
         };

@@ -77,7 +77,8 @@ pub struct ServoArgs {
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["maestro", "pca9685"], requires = "family")]
     bus: Option<PathBuf>,
     /// The family of the bus servo, as in the settings
-    #[arg(long, value_name = "NAME", requires = "bus", value_parser = families())]
+    #[arg(long, value_name = "NAME", requires = "bus",
+        value_parser = PossibleValuesParser::new(FAMILIES.iter().map(|(name, _)| *name)))]
     family: Option<String>,
     /// The baud rate of the bus servo
     #[arg(long, value_name = "BAUD", default_value_t = 1_000_000, requires = "bus")]
@@ -121,10 +122,6 @@ impl ServoArgs {
         let found = kinds.clone().find(|kind| kind.channels().is_some() && kind.universe().is_none());
         found.cloned().unwrap_or_else(|| LinkKind::Maestro(MaestroSettings::default()))
     }
-}
-
-fn families() -> PossibleValuesParser {
-    PossibleValuesParser::new(FAMILIES.iter().map(|(name, _)| *name))
 }
 
 pub fn run(args: &ServoArgs) -> Result<(), Failure> {

@@ -32,6 +32,13 @@ impl Faults {
         self.push(format!("{key} = {value}: give {expected}"));
     }
 
+    /// Adds the fault that a value does not fit other settings. A table with an invalid value is not judged.
+    pub fn need(&mut self, is_good: bool, key: &str, value: impl fmt::Display, expected: impl fmt::Display) {
+        if !is_good && !self.has_invalid_value(key.split('.').next().unwrap_or(key)) {
+            self.conflict(key, value, expected);
+        }
+    }
+
     pub fn has_invalid_value(&self, table: &str) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))
     }

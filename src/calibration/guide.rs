@@ -5,7 +5,7 @@
 //! measures while the wearer holds still. A pose that is not seen for some seconds is left out. If the poses contradict the
 //! neutral take at the end, it is taken again.
 
-use std::{collections::VecDeque, sync::Arc};
+use std::collections::VecDeque;
 
 use facewire_face::{Model, Profile};
 use facewire_packet::control::{Phase, Progress, Refusal, Take};
@@ -51,7 +51,7 @@ pub struct Calibration {
 
 #[derive(Debug)]
 pub struct Guide {
-    model: Arc<Model>,
+    model: Model,
     /// What is found so far.
     pub(crate) calibration: Calibration,
     last_us: Option<u64>,
@@ -82,12 +82,20 @@ struct Stage {
 
 impl Guide {
     /// Begins with the neutral take. `model` is that of the solver.
-    pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        let model = model.into();
-        let calibration = Calibration { model: model_hash(&model), ..Calibration::default() };
-        let (plan, stage, takes) = (Take::ALL.into(), Stage::default(), Takes::default());
-        let (last_us, period_s, last_refusal, outcome, hindered_s, retakes) = (None, None, None, None, 0.0, 0);
-        Self { model, calibration, last_us, period_s, plan, stage, takes, last_refusal, hindered_s, retakes, outcome }
+    pub fn new(model: Model) -> Self {
+        Self {
+            calibration: Calibration { model: model_hash(&model), ..Calibration::default() },
+            model,
+            last_us: None,
+            period_s: None,
+            plan: Take::ALL.into(),
+            stage: Stage::default(),
+            takes: Takes::default(),
+            last_refusal: None,
+            hindered_s: 0.0,
+            retakes: 0,
+            outcome: None,
+        }
     }
 
     /// The take that the guide asks for, or `None` at the end.
@@ -124,10 +132,17 @@ impl Guide {
             Stage { since_s, .. } if *since_s < value_for(READY_S, take) => Phase::GetReady,
             _ => Phase::Wait,
         };
-        let (of, refused, last_refusal) = (Take::ALL.len(), self.calibration.refused, self.last_refusal);
-        let (done, Stage { seen, waits_for, .. }) = (of.saturating_sub(self.plan.len()), &self.stage);
-        let measured = self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(value_for(MEASURE_S, take)));
-        Progress { take, done, of, phase, measured, seen: *seen, waits_for: *waits_for, refused, last_refusal }
+        Progress {
+            take,
+            done: Take::ALL.len().saturating_sub(self.plan.len()),
+            of: Take::ALL.len(),
+            phase,
+            measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(value_for(MEASURE_S, take))),
+            seen: self.stage.seen,
+            waits_for: self.stage.waits_for,
+            refused: self.calibration.refused,
+            last_refusal: self.last_refusal,
+        }
     }
 
     /// The longest time between two frames of one hold. A longer gap means that the camera gives no pictures.

@@ -51,14 +51,14 @@ const SMALL_SHARE: u32 = 4;
 
 /// What the pipeline does, from all that it can do down to what a very slow board can do: a later step takes less of the
 /// processor's time. docs/service.md tells what each costs; `scripts/measure-steps` measures it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, clap::ValueEnum)]
 pub enum Step {
     /// Every frame, with all networks.
     #[default]
     Full,
     /// Every frame; of the three networks for lips and eyes, one runs on each frame.
     Turns,
-    /// Every second frame, with all networks; the later ones likewise.
+    /// One frame in two, with all networks. The steps below take fewer, as their names say.
     Half,
     Third,
     Quarter,
@@ -70,11 +70,6 @@ pub enum Step {
 impl Step {
     pub const ALL: [Self; 8] =
         [Self::Full, Self::Turns, Self::Half, Self::Third, Self::Quarter, Self::Sixth, Self::Eighth, Self::Twelfth];
-
-    pub fn parse(name: &str) -> Result<Self, String> {
-        let names = || Self::ALL.map(Self::name).join(", ");
-        Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
-    }
 
     pub fn name(self) -> &'static str {
         let names = ["full", "turns", "half", "third", "quarter", "sixth", "eighth", "twelfth"];

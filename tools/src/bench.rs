@@ -42,9 +42,9 @@ pub struct BenchArgs {
     /// of this core.
     #[arg(long)]
     layers: bool,
-    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
-    /// eighth or twelfth. Times are those of the frames that the step takes.
-    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full)]
+    /// Run on a lower step, as the service does on a board that is too slow. Times are those of the frames that the step
+    /// takes.
+    #[arg(long, value_enum, default_value_t = Step::Full)]
     step: Step,
     /// Print one JSON object on one line.
     #[arg(long)]

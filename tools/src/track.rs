@@ -56,9 +56,9 @@ pub struct TrackArgs {
     /// Which coefficients to write.
     #[arg(long, value_enum, default_value_t = Stage::Smoothed)]
     stage: Stage,
-    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
-    /// eighth or twelfth. A frame that the step leaves out repeats the row before, as receivers see it.
-    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full, conflicts_with_all = ["neutral", "landmarks"])]
+    /// Run on a lower step, as the service does on a board that is too slow. A frame that the step leaves out repeats the
+    /// row before, as receivers see it.
+    #[arg(long, value_enum, default_value_t = Step::Full, conflicts_with_all = ["neutral", "landmarks"])]
     step: Step,
     /// Frames a second, where the input states none [default: 30].
     #[arg(long, value_parser = parse_fps)]

@@ -446,4 +446,16 @@ mod tests {
         assert!(Take::ALL.iter().all(|take| serde_json::to_string(take).unwrap() == json(take.name())));
         assert!(Refusal::ALL.iter().all(|why| serde_json::to_string(why).unwrap() == json(why.name())));
     }
+
+    #[test]
+    fn the_documents_name_every_request_of_the_control_socket() {
+        let rows = include_str!("../../docs/service.md").lines().filter_map(|line| line.strip_prefix("| `"));
+        let requests = rows.filter_map(|row| serde_json::from_str(&row[..=row.find('}')?]).ok());
+        let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
+        let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
+        let wearers = [calibrate, choose, Request::Delete { wearer: anna }, Request::List {}];
+        let streams = [Request::Record {}, Request::Watch {}, Request::Status {}, Request::Reload {}];
+        let others = [Request::Release { on: true }, Request::Drive {}, Request::Picture {}, Request::Landmarks {}];
+        assert_eq!(requests.collect::<Vec<Request>>(), [wearers, streams, others].concat());
+    }
 }

@@ -212,20 +212,3 @@ fn bar(share: f32) -> String {
     let full = (share.clamp(0.0, 1.0) * 24.0).round() as usize;
     "█".repeat(full) + &"░".repeat(24 - full)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_documents_name_every_request_of_the_control_socket() {
-        let rows = include_str!("../../docs/service.md").lines().filter_map(|line| line.strip_prefix("| `"));
-        let requests = rows.filter_map(|row| serde_json::from_str(&row[..=row.find('}')?]).ok());
-        let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
-        let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
-        let wearers = [calibrate, choose, Request::Delete { wearer: anna }, Request::List {}];
-        let streams = [Request::Record {}, Request::Watch {}, Request::Status {}, Request::Reload {}];
-        let others = [Request::Release { on: true }, Request::Drive {}, Request::Picture {}, Request::Landmarks {}];
-        assert_eq!(requests.collect::<Vec<Request>>(), [wearers, streams, others].concat());
-    }
-}

@@ -51,9 +51,7 @@ pub(super) fn smoothstep(value: f32, [from, to]: [f32; 2]) -> f32 {
 mod tests {
     use super::*;
     use crate::solve::COEFFS;
-
-    const BLINK: usize = 0;
-    const JAW_OPEN: usize = 17;
+    use crate::solve::plausible::{BLINKS, JAW_OPEN};
 
     fn corrected(gain: f32, rest: f32, raw: f32) -> [f32; COEFFS] {
         let profile = Profile { neutral: None, rest: [rest; COEFFS], gain: [gain; COEFFS] };
@@ -63,8 +61,8 @@ mod tests {
     #[test]
     fn gain_and_rest_bring_an_expression_to_the_full_range_within_bounds() {
         let cases = [
-            (BLINK, 1.0, 0.0, 0.82, 1.0, "a shut eye is lifted"),
-            (BLINK, 1.0, 0.0, 0.3, 0.3, "an open eye keeps its value"),
+            (BLINKS[0], 1.0, 0.0, 0.82, 1.0, "a shut eye is lifted"),
+            (BLINKS[0], 1.0, 0.0, 0.3, 0.3, "an open eye keeps its value"),
             (JAW_OPEN, 1.0, 0.0, 0.82, 0.82, "what has no terms keeps its value"),
             (JAW_OPEN, 1.25, 0.0, 0.8, 1.0, "a weak expression reaches the full range"),
             (JAW_OPEN, 9.0, 0.0, 0.2, 0.4, "the gain is at most 2"),
@@ -73,14 +71,15 @@ mod tests {
             (JAW_OPEN, 1.0, 0.2, 0.2, 0.0, "the rest is removed"),
             (JAW_OPEN, 1.0, 0.2, 1.0, 1.0, "and the full range kept"),
             (JAW_OPEN, 1.0, -0.2, -0.2, 0.0, "an output below 0 at rest hides the beginning of a smile"),
-            (BLINK, 1.0, 1.0, 0.9, 1.0, "a neutral face recorded during a blink does not stop blinking"),
+            (BLINKS[0], 1.0, 1.0, 0.9, 1.0, "a neutral face recorded during a blink does not stop blinking"),
         ];
         for (index, gain, rest, raw, want, promise) in cases {
             let found = corrected(gain, rest, raw)[index];
             assert!((found - want).abs() < 1e-6, "{promise}: {found} in place of {want}");
         }
         for (rest, gain) in [(0.1, 1.0), (-0.2, 0.6), (0.3, 2.0)] {
-            let curve: Vec<f32> = (0_u8..=120).map(|i| corrected(gain, rest, f32::from(i) / 100.0)[BLINK]).collect();
+            let curve: Vec<f32> =
+                (0_u8..=120).map(|i| corrected(gain, rest, f32::from(i) / 100.0)[BLINKS[0]]).collect();
             assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]), "the order of values is kept");
         }
         let terms = CorrectiveTerms { shift: -0.05, ..CorrectiveTerms::NONE };

@@ -84,10 +84,8 @@ mod tests {
         Correction, FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index,
         signed_logarithm,
     };
-    use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise};
+    use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
-
-    const JAW_OPEN: usize = 17;
 
     /// Formulas of which only the jaw's is not 0. Their inputs are the first coordinates, halved after 0.1 was subtracted.
     fn formulas(known: Formula, unknown: Formula) -> Model {

@@ -155,7 +155,7 @@ pub(super) const GAZE: [[usize; 4]; 2] = [
     [index_of("eyeLookDownLeft"), index_of("eyeLookInLeft"), index_of("eyeLookOutLeft"), index_of("eyeLookUpLeft")],
     [index_of("eyeLookDownRight"), index_of("eyeLookInRight"), index_of("eyeLookOutRight"), index_of("eyeLookUpRight")],
 ];
-const JAW_OPEN: usize = index_of("jawOpen");
+pub(super) const JAW_OPEN: usize = index_of("jawOpen");
 const MOUTH_CLOSE: usize = index_of("mouthClose");
 /// Pairs that move the same part in opposite directions. Smile and frown are made by muscles that can pull together.
 const OPPOSED: [[usize; 2]; 8] = [

@@ -109,12 +109,11 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
-    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise};
+    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
     use crate::track::Face;
 
     const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
-    const JAW_OPEN: usize = 17;
     const CHEEK_PUFF: usize = 46;
 
     #[test]

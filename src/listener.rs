@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::{self, ErrorKind};
 use std::net::TcpListener;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::FileTypeExt as _;
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::config::Listen;
 /// An open listening socket, and the path of its file if it has one, which is deleted on drop.
 #[derive(Debug)]
 pub struct Listener {
-    socket: OwnedFd,
+    pub socket: OwnedFd,
     path: Option<PathBuf>,
 }
 
@@ -53,12 +53,6 @@ fn is_stale(path: &Path) -> bool {
         connect(socket, &SocketAddrUnix::new(path)?)
     };
     is_socket && try_connect() == Err(Errno::CONNREFUSED)
-}
-
-impl AsFd for Listener {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.socket.as_fd()
-    }
 }
 
 impl Drop for Listener {

@@ -192,7 +192,7 @@ mod tests {
         assert_eq!((served.server.clients.len(), next(&mut client)), (1, 2));
         // A TCP socket that is shut down accepts nobody, which stands for any error of the system.
         served.listener = Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap();
-        rustix::net::shutdown(&served.listener, rustix::net::Shutdown::Both).unwrap();
+        rustix::net::shutdown(&served.listener.socket, rustix::net::Shutdown::Both).unwrap();
         assert_ne!(served.listener.accept().unwrap_err().kind(), ErrorKind::WouldBlock);
         served.write(3, 0);
         assert_eq!(next(&mut client), 3, "a client keeps its place while the system accepts no others");

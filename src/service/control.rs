@@ -239,7 +239,8 @@ impl Server {
         let admits = |door: &&mut Door| inside(door.speaks) < MAX_CLIENTS && !door.rests();
         let doors: Vec<_> = self.doors.iter_mut().filter(admits).collect();
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
-        polled.extend(doors.iter().filter_map(|door| Some(PollFd::new(door.listener.as_ref()?, PollFlags::IN))));
+        let listeners = doors.iter().filter_map(|door| door.listener.as_ref());
+        polled.extend(listeners.map(|listener| PollFd::new(&listener.socket, PollFlags::IN)));
         if let Err(error) = poll(&mut polled, Some(if self.clients.is_empty() { &LOOK_IDLE } else { &LOOK_BUSY })) {
             return error == Errno::INTR;
         }

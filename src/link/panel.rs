@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::config::{LinkKind, LinkSettings};
 use facewire_packet::control::{ChannelStatus, LinkStatus};
-use facewire_servo::{Dial, Dials, Number, Operator};
+use facewire_servo::{Dial, Dials, Operator};
 
 /// What all links share: counters that never decrease, where each message ends up as sent or as dropped, and the wishes of
 /// an operator of servos.
@@ -65,14 +65,21 @@ impl Panel {
     /// What programs at the control socket are told of the link.
     pub fn status(&self) -> LinkStatus {
         let kind = self.kind.name();
-        let channel = |dial: &Dial| {
-            let [target, position, pulse_us] = [&dial.target, &dial.position, &dial.place].map(Number::get);
-            ChannelStatus { number: dial.number, target, position, pulse_us }
+        let channel = |dial: &Dial| ChannelStatus {
+            number: dial.number,
+            target: dial.target.get(),
+            position: dial.position.get(),
+            pulse_us: dial.place.get(),
         };
-        let (name, kind, open) = (format!("{kind} {}", self.receiver), kind.to_owned(), self.is_open.load(Relaxed));
-        let [sent, dropped] = [&self.sent, &self.dropped].map(|count| count.load(Relaxed));
-        let channels = self.dials.channels.iter().map(channel).collect();
-        LinkStatus { name, kind, open, sent, dropped, trouble: self.trouble(), channels }
+        LinkStatus {
+            name: format!("{kind} {}", self.receiver),
+            kind: kind.to_owned(),
+            open: self.is_open.load(Relaxed),
+            sent: self.sent.load(Relaxed),
+            dropped: self.dropped.load(Relaxed),
+            trouble: self.trouble(),
+            channels: self.dials.channels.iter().map(channel).collect(),
+        }
     }
 
     /// The last trouble since the device was opened, or since the host was found.

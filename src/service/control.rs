@@ -516,14 +516,19 @@ impl Server {
     }
 
     fn status(&self) -> Status {
-        let (counters, operator) = (&self.peers.counters, &self.peers.counters.traffic.operator);
-        let [released, driven] = [&operator.is_released, &operator.is_driven].map(|flag| flag.load(Relaxed));
-        let settings_refused = counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let (wearer, links) = (counters.wearer().map(|name| name.to_string()), counters.panels());
-        let links = links.iter().map(|panel| panel.status()).collect();
-        let (version, picture) = (env!("CARGO_PKG_VERSION").to_owned(), self.settings.console.picture);
-        let (metrics, config) = (metrics::page(counters), self.config.clone());
-        Status { version, metrics, wearer, config, settings_refused, released, driven, picture, links }
+        let counters = &self.peers.counters;
+        let operator = &counters.traffic.operator;
+        Status {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            metrics: metrics::page(counters),
+            wearer: counters.wearer().map(|name| name.to_string()),
+            config: self.config.clone(),
+            settings_refused: counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+            released: operator.is_released.load(Relaxed),
+            driven: operator.is_driven.load(Relaxed),
+            picture: self.settings.console.picture,
+            links: counters.panels().iter().map(|panel| panel.status()).collect(),
+        }
     }
 
     fn delete(&self, name: WearerName) -> Task {

@@ -96,9 +96,12 @@ impl Supervisor {
         let (counters, adaptation) = (&self.counters, &mut self.adaptation);
         let load = self.load.read().filter(|_| counters.camera_open.load(Relaxed));
         let before = (adaptation.step, adaptation.picture.is_small);
-        let (is_allowed, impaired_by) = (self.reloader.live.adaptation.enabled, counters.impairments.present());
-        let has_smaller_mode = counters.has_smaller_mode.load(Relaxed);
-        let conditions = Conditions { is_allowed, load, impaired_by, has_smaller_mode };
+        let conditions = Conditions {
+            is_allowed: self.reloader.live.adaptation.enabled,
+            load,
+            impaired_by: counters.impairments.present(),
+            has_smaller_mode: counters.has_smaller_mode.load(Relaxed),
+        };
         adaptation.update(now_us, &conditions);
         let Adaptation { step, cause, .. } = *adaptation;
         if step != before.0 {

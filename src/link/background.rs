@@ -57,6 +57,13 @@ struct Shared {
     panel: Arc<Panel>,
 }
 
+impl Shared {
+    /// Whether the thread is to end.
+    fn is_stopping(&self) -> bool {
+        self.stop.load(Acquire)
+    }
+}
+
 /// A device with its thread. When it is dropped, the thread writes the last message and ends by itself.
 pub struct Background {
     newest: Input<Message>,
@@ -122,25 +129,26 @@ impl Drop for Background {
 /// Writes messages until it is told to stop, and logs what happens to the device: on this thread, that delays no sender.
 fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     let (handover_end, mut retry) = (Instant::now() + HANDOVER, Retry::default());
-    while !shared.stop.load(Acquire) {
+    while !shared.is_stopping() {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
         let mut is_handover = false;
-        let _ = ended.as_ref().inspect_err(|error| shared.panel.note(Some(&error.message)));
-        match ended {
-            Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => is_handover = true,
-            // A receiver that is not there yet is no fault.
-            Err(error) if error.kind == LinkErrorKind::Waiting => {
-                if retry.logged.is_new(&error.to_string()) {
-                    tracing::info!("{error}");
+        if let Err(error) = ended {
+            shared.panel.note(Some(&error.message));
+            match error.kind {
+                LinkErrorKind::Claimed if Instant::now() < handover_end => is_handover = true,
+                // A receiver that is not there yet is no fault.
+                LinkErrorKind::Waiting => {
+                    if retry.logged.is_new(&error.to_string()) {
+                        tracing::info!("{error}");
+                    }
                 }
+                _ => retry.warn(&error),
             }
-            Err(error) => retry.warn(&error),
-            Ok(()) => {}
         }
         let wait = if is_handover { RETRY_PERIOD } else { retry.back_off.wait() };
         let end = Instant::now() + wait;
-        while !shared.stop.load(Acquire) && Instant::now() < end {
+        while !shared.is_stopping() && Instant::now() < end {
             thread::park_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
@@ -164,7 +172,7 @@ fn session(
     shared.panel.note(None);
     loop {
         // Read before the message, so that a message given before the end is still written.
-        let stopping = shared.stop.load(Acquire);
+        let is_stopping = shared.is_stopping();
         if newest.update() {
             let took = device.write(&mut open, newest.peek_output_buffer());
             let is_taken = matches!(took, Ok(true));
@@ -174,7 +182,7 @@ fn session(
             }
             shared.panel.count(is_taken);
             took?;
-        } else if stopping {
+        } else if is_stopping {
             // No newer message will come, so a busy device is offered this one again. It has already been counted.
             let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
             while is_refused && Instant::now() < end {

@@ -23,7 +23,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
@@ -69,6 +69,10 @@ fn refused(device: &Path, error: Errno) -> LinkError {
 /// The claimed devices by their device numbers, and the path of the link that claimed each.
 static CLAIMS: Mutex<Vec<(u64, PathBuf)>> = Mutex::new(Vec::new());
 
+fn claims() -> MutexGuard<'static, Vec<(u64, PathBuf)>> {
+    CLAIMS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The exclusive right of one link of this process to a serial port, until it is dropped.
 #[derive(Debug)]
 pub struct PortClaim(u64);
@@ -81,7 +85,7 @@ impl PortClaim {
         if !node.file_type().is_char_device() {
             return Err(refused(device, Errno::NOTTY));
         }
-        let mut claims = CLAIMS.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut claims = claims();
         let Some((_, holder)) = claims.iter().find(|(claimed, _)| *claimed == node.rdev()) else {
             claims.push((node.rdev(), device.to_owned()));
             return Ok(Self(node.rdev()));
@@ -102,7 +106,7 @@ impl PortClaim {
 
 impl Drop for PortClaim {
     fn drop(&mut self) {
-        CLAIMS.lock().unwrap_or_else(PoisonError::into_inner).retain(|(claimed, _)| *claimed != self.0);
+        claims().retain(|(claimed, _)| *claimed != self.0);
     }
 }
 
@@ -285,7 +289,9 @@ impl Port {
         if took_before != self.takes {
             let trouble = (!self.takes).then_some("it takes no packets; check that the receiver reads");
             panel.note(trouble);
-            trouble.inspect(|trouble| tracing::warn!("link {}: {trouble}", self.device.display()));
+            if let Some(trouble) = trouble {
+                tracing::warn!("link {}: {trouble}", self.device.display());
+            }
         }
         Ok(took)
     }

@@ -4,7 +4,7 @@
 //! could still ask under a host name that its owner points at this machine (DNS rebinding), so requests to other hosts are
 //! refused.
 
-use std::{fmt::Write as _, fs, net::IpAddr, sync::atomic::Ordering::Relaxed};
+use std::{fmt::Write as _, fs, net::IpAddr};
 
 use facewire_servo::{Dial, Number, bus::HEALTH};
 use httparse::{EMPTY_HEADER, Request, Status};
@@ -115,7 +115,7 @@ fn histogram(page: &mut String, name: &str, label: &str, histogram: &Histogram) 
     // Counted upwards, the total last, so that a duration recorded meanwhile makes no count smaller than the one before.
     let below: Vec<_> = limits_ns().map(|limit_ns| (limit_ns, histogram.count_below(limit_ns))).collect();
     let total = histogram.count_below(u64::MAX);
-    let _ = writeln!(page, "facewire_{name}_seconds_sum{all} {}", histogram.sum_ns.load(Relaxed) as f64 / 1e9);
+    let _ = writeln!(page, "facewire_{name}_seconds_sum{all} {}", histogram.sum_s());
     let _ = writeln!(page, "facewire_{name}_seconds_count{all} {total}");
     for (limit_ns, below) in below {
         let limit_s = limit_ns as f64 / 1e9;
@@ -133,6 +133,7 @@ fn resident_bytes() -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::Ordering::Relaxed;
     use std::time::Duration;
 
     use facewire_packet::{NeutralFace, State};

@@ -36,7 +36,7 @@ const SLOWER: usize = FRAMES / 5;
 #[derive(Debug)]
 pub struct Histogram {
     counts: [AtomicU64; BUCKETS],
-    pub(super) sum_ns: AtomicU64,
+    sum_ns: AtomicU64,
 }
 
 impl Default for Histogram {
@@ -71,6 +71,10 @@ impl Histogram {
     /// 1.5 times these.
     pub(super) fn count_below(&self, limit_ns: u64) -> u64 {
         self.counts().take_while(|(end_ns, _)| *end_ns <= limit_ns).map(|(_, count)| count).sum()
+    }
+
+    pub(super) fn sum_s(&self) -> f64 {
+        self.sum_ns.load(Relaxed) as f64 / 1e9
     }
 
     fn counts(&self) -> impl Iterator<Item = (u64, u64)> {

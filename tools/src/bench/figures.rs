@@ -218,3 +218,17 @@ fn number(file: &str, key: &str, index: usize) -> u64 {
 pub fn cpu_time() -> Duration {
     clock_gettime(ClockId::ProcessCPUTime).try_into().unwrap_or_default()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn constant_work_takes_about_as_long_as_requested_or_longer() {
+        let length = Duration::from_millis(5);
+        let passes = constant_work(length, 10);
+        assert_eq!(passes.len(), 10);
+        // A busy machine only makes passes longer, or slows even the fastest loop of the calibration, but not tenfold.
+        assert!(passes.iter().all(|pass| *pass > length / 10), "{passes:?}");
+    }
+}

@@ -58,7 +58,9 @@ fn is_stale(path: &Path) -> bool {
 impl Drop for Listener {
     fn drop(&mut self) {
         // If this fails, the next service finds the file stale and replaces it.
-        self.path.iter().for_each(|path| drop(fs::remove_file(path)));
+        if let Some(path) = &self.path {
+            let _ = fs::remove_file(path);
+        }
     }
 }
 

@@ -118,8 +118,16 @@ impl Pipeline {
         Processed { solved, face, times, frame: *frame, camera, solver: &self.solver }
     }
 
+    pub fn set_turns(&mut self, has_turns: bool) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.set_turns(has_turns);
+        }
+    }
+
     pub fn forget_face(&mut self) {
-        self.tracker.iter_mut().for_each(Tracker::forget);
+        if let Some(tracker) = &mut self.tracker {
+            tracker.forget();
+        }
     }
 }
 

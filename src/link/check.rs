@@ -170,7 +170,9 @@ impl Check<'_> {
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
         self.faults.need(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
         self.channels(&Capabilities::DMX, channels);
-        from.iter().for_each(|from| self.sender(*from));
+        if let Some(from) = from {
+            self.sender(from);
+        }
     }
 
     /// Adds the faults of the address of this machine that a link sends from.

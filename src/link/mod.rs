@@ -213,8 +213,12 @@ impl Link {
         }
         encoder(&packet(output, self.sequence), output, &mut |message| {
             panel.traffic.packets.fetch_add(1, Relaxed);
-            udp.iter_mut().for_each(|udp| udp.send(message));
-            device.iter_mut().for_each(|device| device.send(message));
+            if let Some(udp) = udp {
+                udp.send(message);
+            }
+            if let Some(device) = device {
+                device.send(message);
+            }
         });
         self.sequence = self.sequence.wrapping_add(1);
     }
@@ -226,12 +230,16 @@ impl Link {
 
     /// Asks to look up the receiver's address now.
     pub fn refresh(&self) {
-        self.udp.iter().for_each(UdpCarrier::refresh);
+        if let Some(udp) = &self.udp {
+            udp.refresh();
+        }
     }
 
     /// Asks the link to send what it was given and end, without waiting for it.
     pub fn stop(&self) {
-        self.device.iter().for_each(Background::stop);
+        if let Some(device) = &self.device {
+            device.stop();
+        }
     }
 
     /// Whether the link has ended after [`Link::stop`].

@@ -136,8 +136,9 @@ impl Device for Chip {
     fn attend(&mut self, bus: &mut Bus) -> Result<(), LinkError> {
         if self.checked_at.elapsed() >= CHECK_PERIOD {
             self.checked_at = Instant::now();
-            let trouble = bus.prepare(bus.period)?;
-            trouble.iter().for_each(|trouble| tracing::warn!("link {}: {trouble}", bus.name));
+            if let Some(trouble) = bus.prepare(bus.period)? {
+                tracing::warn!("link {}: {trouble}", bus.name);
+            }
         }
         Ok(())
     }

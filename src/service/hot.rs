@@ -109,7 +109,9 @@ impl HotLoop {
         counters: Arc<Counters>,
         loader: Loader,
     ) -> Self {
-        pipeline.iter_mut().for_each(|pipeline| pipeline.solver.profile = profile.clone());
+        if let Some(pipeline) = &mut pipeline {
+            pipeline.solver.profile = profile.clone();
+        }
         Self {
             settings,
             pipeline,
@@ -189,7 +191,9 @@ impl HotLoop {
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
         self.outlets.loads.write(None);
-        self.pipeline.iter_mut().for_each(Pipeline::forget_face);
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.forget_face();
+        }
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
         self.stream(camera, is_small)
@@ -201,8 +205,8 @@ impl HotLoop {
             let step = self.counters.step();
             self.timing.set_step(step);
             camera.source.leave_out_until(self.timing.wanted_us());
-            if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
-                tracker.set_turns(step.has_turns());
+            if let Some(pipeline) = &mut self.pipeline {
+                pipeline.set_turns(step.has_turns());
             }
             let outcome = match camera.next() {
                 Ok(Some(frame)) => self.frame(&frame),
@@ -269,11 +273,15 @@ impl HotLoop {
         self.enter(OPEN_PATIENCE_US);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
-        self.pipeline.iter_mut().for_each(|pipeline| pipeline.tracker = None);
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.tracker = None;
+        }
         let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
         let loaded = self.loader.load(move || load_tracker(&settings))?;
         let tracker = loaded.map_err(SetupError::from)?;
-        self.pipeline.as_mut().map(|pipeline| pipeline.tracker.insert(tracker));
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.tracker = Some(tracker);
+        }
         self.tell(Event::EngineReloaded);
         Ok(())
     }
@@ -284,7 +292,9 @@ impl HotLoop {
         let mut is_new_camera = false;
         while let Ok(HotChange { settings, tracker, model, profile }) = self.changes.try_recv() {
             if let Some(profile) = profile.filter(|profile| *profile != self.profile) {
-                self.pipeline.iter_mut().for_each(|pipeline| pipeline.solver.set_profile(profile.clone()));
+                if let Some(pipeline) = &mut self.pipeline {
+                    pipeline.solver.set_profile(profile.clone());
+                }
                 self.profile = profile;
             }
             let Some(settings) = settings else { continue };
@@ -298,7 +308,9 @@ impl HotLoop {
             solver.neutral_mode = self.settings.wearer.neutral;
             let (shaping, model) = (pipeline::shaping(&self.settings), model.filter(|model| *model != solver.model));
             if model.is_some() || shaping != solver.shaping {
-                model.into_iter().for_each(|model| solver.model = model);
+                if let Some(model) = model {
+                    solver.model = model;
+                }
                 solver.shaping = shaping;
                 solver.crossfade();
             }

@@ -72,7 +72,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
-    pipeline.tracker.iter_mut().for_each(|tracker| tracker.set_turns(args.step.has_turns()));
+    pipeline.set_turns(args.step.has_turns());
     play(&mut pipeline, args, &mut Samples::default())?;
     let mut samples = Samples::default();
     for _ in 0..args.rounds {

@@ -127,7 +127,9 @@ fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> 
     let mut pipeline = Pipeline::load(&settings, true)?;
     let (profile, warning) = load_profile(&settings.wearer, &settings.solver)?;
     pipeline.solver.profile = profile;
-    warning.iter().for_each(say);
+    if let Some(warning) = warning {
+        say(warning);
+    }
     say("no service answers: opening the camera");
     let mut camera = OpenCamera::open(&settings.camera)?;
     let begin = format!("recording from {}", camera.source.describe());

@@ -91,16 +91,20 @@ enum Stage {
 
 pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let mut settings = args.settings.load()?;
-    args.model.iter().for_each(|model| settings.solver.model.clone_from(model));
-    args.wearer.iter().for_each(|wearer| wearer.as_str().clone_into(&mut settings.wearer.name));
-    let named = || load_profile(&settings.wearer, &settings.solver);
-    let profile = if args.neutral.is_some() { Profile::default() } else { named()?.0 };
+    if let Some(model) = &args.model {
+        settings.solver.model.clone_from(model);
+    }
+    if let Some(wearer) = &args.wearer {
+        settings.wearer.name = wearer.to_string();
+    }
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
+    if args.neutral.is_none() {
+        pipeline.solver.profile = load_profile(&settings.wearer, &settings.solver)?.0;
+    }
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);
-    pipeline.solver.profile = if is_estimated { Profile::default() } else { profile };
     pipeline.solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
-    pipeline.tracker.iter_mut().for_each(|tracker| tracker.set_turns(args.step.has_turns()));
+    pipeline.set_turns(args.step.has_turns());
     let out: Box<dyn Write> = match &args.out {
         Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
         None => Box::new(io::stdout()),

@@ -231,7 +231,6 @@ impl<R: Read> Riff<R> {
 }
 
 #[cfg(test)]
-#[allow(clippy::trivially_copy_pass_by_ref)]
 mod tests {
     use turbojpeg::Subsamp;
 

@@ -1,5 +1,4 @@
 //! What the settings promise.
-#![allow(clippy::unwrap_used, clippy::float_cmp)]
 
 use facewire_face::BLENDSHAPES;
 

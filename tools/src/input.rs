@@ -164,7 +164,6 @@ fn is_plain(start: &[u8]) -> bool {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 mod tests {
     use facewire_face::{LANDMARKS, Pixels};
     use npyz::WriterBuilder as _;

@@ -88,19 +88,14 @@ pub struct ModelFile {
     pub format: u32,
     pub made_by: String,
     pub fitted_on: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offsets: Option<Cases<Vec<f64>>>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub inputs: BTreeMap<String, InputTable>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formulas: Option<Cases<FormulaSetTable>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaze: Option<GazeTable>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub eyes: Option<EyesTable>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, CorrectiveTerms>,

@@ -228,7 +228,6 @@ impl FormulaTable {
 }
 
 #[cfg(test)]
-#[allow(clippy::panic)]
 mod tests {
     use super::*;
     use crate::model::file::tests::{altered, features};

@@ -105,7 +105,7 @@ impl Output {
 }
 
 #[cfg(test)]
-#[allow(clippy::cast_possible_truncation, clippy::panic)]
+#[allow(clippy::cast_possible_truncation)]
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};

@@ -2,7 +2,6 @@
 //!
 //! The two images of `testdata` show a part of frame 100 of the built-in clip and were encoded by OpenCV. The sums of luma
 //! samples are those that OpenCV 5.0.0 decodes from the same bytes by `cv2.imdecode(bytes, cv2.IMREAD_GRAYSCALE)`.
-#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 use std::ops::Range;
 

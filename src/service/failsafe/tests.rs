@@ -1,5 +1,4 @@
 //! What the failsafe promises. Time is a number that the tests advance.
-#![allow(clippy::float_cmp)]
 
 use super::*;
 use crate::config::LinkSettings;

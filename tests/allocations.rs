@@ -15,11 +15,11 @@ use common::service::Receiver;
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source};
 use facewire::config::{self, LinkKind, LinkSettings};
-use facewire::link::{Link, Output, Pose, Rates, Traffic};
+use facewire::link::{Link, Output, Rates, Traffic};
 use facewire::pipeline::Pipeline;
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::Watch;
-use facewire_packet::{Reason, State};
+use facewire_packet::{Pose, Reason, State};
 
 const RATES: Rates = Rates { send_hz: 60, slew_per_s: 4.0 };
 const WARM_UP: usize = 20;

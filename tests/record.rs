@@ -9,10 +9,9 @@ use std::process::Command;
 
 use common::program::{Run, facewire, settings, text};
 use common::service::{DEMO, Receiver, Service};
-use facewire::link::Pose;
 use facewire::recording::{Reader, Recorded, Writer};
 use facewire_face::Landmarks;
-use facewire_packet::{Reason, State};
+use facewire_packet::{Pose, Reason, State};
 use tempfile::TempDir;
 
 const JAW_OPEN: usize = 17;

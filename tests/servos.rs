@@ -18,8 +18,8 @@ use common::maestro::{CRC_ERROR, Maestro, Model, PROTOCOL_ERROR, State as Maestr
 use common::program::{Run, facewire, text};
 use common::service::{NO_CAMERA, Service};
 use facewire::config::{self, Settings};
-use facewire::link::{Link, Output, Pose, Traffic};
-use facewire_packet::{BLENDSHAPES, Reason, State};
+use facewire::link::{Link, Output, Traffic};
+use facewire_packet::{BLENDSHAPES, Pose, Reason, State};
 use rustix::fs::fcntl_setfl;
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::termios::{LocalModes, tcgetattr};

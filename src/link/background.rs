@@ -51,17 +51,11 @@ pub(super) trait Device: Send + 'static {
 
 #[derive(Debug, Default)]
 struct Shared {
+    /// Whether the thread is to end.
     stop: AtomicBool,
     open: AtomicBool,
     has_receiver: AtomicBool,
     panel: Arc<Panel>,
-}
-
-impl Shared {
-    /// Whether the thread is to end.
-    fn is_stopping(&self) -> bool {
-        self.stop.load(Acquire)
-    }
 }
 
 /// A device with its thread. When it is dropped, the thread writes the last message and ends by itself.
@@ -129,7 +123,7 @@ impl Drop for Background {
 /// Writes messages until it is told to stop, and logs what happens to the device: on this thread, that delays no sender.
 fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
     let (handover_end, mut retry) = (Instant::now() + HANDOVER, Retry::default());
-    while !shared.is_stopping() {
+    while !shared.stop.load(Acquire) {
         let ended = session(&mut device, &mut newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
         let mut is_handover = false;
@@ -148,7 +142,7 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
         }
         let wait = if is_handover { RETRY_PERIOD } else { retry.back_off.wait() };
         let end = Instant::now() + wait;
-        while !shared.is_stopping() && Instant::now() < end {
+        while !shared.stop.load(Acquire) && Instant::now() < end {
             thread::park_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
@@ -172,7 +166,7 @@ fn session(
     shared.panel.note(None);
     loop {
         // Read before the message, so that a message given before the end is still written.
-        let is_stopping = shared.is_stopping();
+        let is_stopping = shared.stop.load(Acquire);
         if newest.update() {
             let took = device.write(&mut open, newest.peek_output_buffer());
             let is_taken = matches!(took, Ok(true));

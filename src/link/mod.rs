@@ -21,7 +21,6 @@ mod udp;
 use std::{fmt::Display, io, sync::Arc, sync::atomic::Ordering::Relaxed, time::Duration};
 
 use facewire_board::{Attached, latency_remedy, root};
-pub use facewire_packet::Pose;
 
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};

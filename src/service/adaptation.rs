@@ -12,7 +12,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::{fmt, time::Duration};
+use std::time::Duration;
 
 use super::failsafe::LIVE_FRAMES;
 use facewire_board::{Impairment, ImpairmentSet};
@@ -111,12 +111,6 @@ impl Step {
     /// How long a frame would take with all networks, if it takes this long on this step.
     pub(super) fn full_busy(self, busy: Duration) -> Duration {
         if self.has_turns() { busy * 100 / TURNS_PERCENT } else { busy }
-    }
-}
-
-impl fmt::Display for Step {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

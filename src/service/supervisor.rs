@@ -203,9 +203,9 @@ impl Log {
 
     /// Logs the new step of the pipeline, and for a lower one the reason and what the operator can do about it.
     fn step(step: Step, lowered_by: Option<(Cause, Load)>) {
-        let what = step.sentence();
+        let (name, what) = (step.name(), step.sentence());
         let reason = match lowered_by {
-            None => return tracing::info!("step {step}: {what} again"),
+            None => return tracing::info!("step {name}: {what} again"),
             Some((Cause::Hot, _)) => Impairment::Hot.sentence().to_owned(),
             Some((Cause::Undervoltage, _)) => Impairment::Undervoltage.sentence().to_owned(),
             Some((Cause::Slow, load)) => format!(
@@ -215,7 +215,7 @@ impl Log {
                 ms(load.camera_period)
             ),
         };
-        tracing::warn!("step {step}: {what}, because {reason}");
+        tracing::warn!("step {name}: {what}, because {reason}");
     }
 
     /// Logs that the camera is opened again with another picture size: the small one because of this load, if given.

@@ -282,7 +282,7 @@ mod tests {
             let mut timing = timing();
             timing.set_step(step);
             [most_ms, most_ms + 1].iter().for_each(|decoding_ms| frame(&mut timing, *decoding_ms, 20));
-            assert_eq!(timing.counters.deadline_misses.load(Relaxed), 1, "{step}");
+            assert_eq!(timing.counters.deadline_misses.load(Relaxed), 1, "{step:?}");
         }
     }
 

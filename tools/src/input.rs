@@ -166,10 +166,10 @@ fn is_plain(start: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use facewire_face::{LANDMARKS, Pixels};
-    use npyz::WriterBuilder as _;
     use tempfile::NamedTempFile;
 
     use super::*;
+    use crate::track::write_npy;
 
     fn opened(input: &str) -> Result<Box<dyn Source>, CaptureError> {
         open(input, FrameRate::FPS_30, USUAL_SIZE_PX)
@@ -178,11 +178,8 @@ mod tests {
     /// The depths of the irises that a frame shows after it went through a file. All other points have depth 6.
     fn iris_depths(written: [f32; LANDMARKS - MESH]) -> Vec<f32> {
         let file = NamedTempFile::with_suffix(".npy").unwrap();
-        let options = npyz::WriteOptions::new().default_dtype().shape(&[1, LANDMARKS as u64, 3]);
-        let mut writer = options.writer(&file).begin_nd().unwrap();
         let depths = [6.0; MESH].into_iter().chain(written);
-        writer.extend(depths.flat_map(|depth| [100.0_f32, 100.0, depth])).unwrap();
-        writer.finish().unwrap();
+        write_npy(file.path(), &depths.flat_map(|depth| [100.0, 100.0, depth]).collect::<Vec<_>>()).unwrap();
         let mut source = opened(file.path().to_str().unwrap()).unwrap();
         let frame = source.next().unwrap().unwrap();
         let Content::Face { face, size_px: [640.0, 480.0] } = frame.content else { unreachable!() };

@@ -249,7 +249,7 @@ impl Track<'_> {
 }
 
 /// Writes landmarks. All numbers of a frame without a face are not-a-number.
-fn write_npy(path: &Path, values: &[f32]) -> io::Result<()> {
+pub(crate) fn write_npy(path: &Path, values: &[f32]) -> io::Result<()> {
     let shape = [values.len() / (3 * LANDMARKS), LANDMARKS, 3].map(|side| side as u64);
     let file = BufWriter::new(File::create(path)?);
     let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;

@@ -223,10 +223,9 @@ mod tests {
 
     use super::*;
     use crate::solve::filter::{FRAME_S, add};
-    use crate::{solve::normalise, testing::face};
+    use crate::{solve::normalise, solve::plausible::JAW_OPEN, testing::face};
 
     const SECOND: usize = 30;
-    const JAW_OPEN: usize = 17;
     const SMILES: [usize; 2] = [23, 24];
     const CHIN: usize = 152;
 

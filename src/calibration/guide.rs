@@ -49,7 +49,6 @@ pub struct Calibration {
     pub refused: u32,
 }
 
-#[derive(Debug)]
 pub struct Guide {
     model: Model,
     /// What is found so far.
@@ -65,7 +64,7 @@ pub struct Guide {
     outcome: Option<Result<Calibration, Refusal>>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Stage {
     /// Time since the guide asked for the take.
     since_s: f32,

@@ -119,7 +119,6 @@ pub(super) enum Fit {
     Broken(Refusal),
 }
 
-#[derive(Debug, Clone)]
 pub(super) struct Hold {
     faces: FaceMean,
     /// Sums over the frames.

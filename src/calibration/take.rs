@@ -61,7 +61,6 @@ const GAIN: [f32; 2] = [0.6, 1.6];
 const LEAST_MEASURED: f32 = 0.1;
 
 /// What the neutral take tells the poses.
-#[derive(Debug)]
 pub(super) struct Known {
     pub(super) neutral: Neutral,
     pub(super) head_deg: [f32; 3],
@@ -81,7 +80,7 @@ pub struct Seen {
 }
 
 /// The accepted takes. Poses are kept as they were seen, so that they stay valid when the neutral take is repeated.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Takes {
     pub(super) neutral: Option<Known>,
     poses: BTreeMap<Take, Seen>,

@@ -48,7 +48,7 @@ pub(super) struct Arrival {
 /// Counts the frames of an open camera in windows.
 ///
 /// A pair is two frames that were taken one after the other, between which the driver did not run out of buffers.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct DeliveryCounter {
     period_us: u64,
     last: Option<Arrival>,

@@ -33,7 +33,6 @@ const CUT_OFF: usize = 270;
 const HALF_RATE: u64 = 2;
 const LOSSY: u64 = 8;
 
-#[derive(Debug)]
 pub(super) struct Rehearsal {
     clip: Clip,
     /// `None` plays the clip without faults.
@@ -219,7 +218,6 @@ fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
 }
 
 /// Which frames of the clip the camera has sent.
-#[derive(Debug)]
 struct Sent {
     period_us: u64,
     /// Number of the first frame of the clip that was not counted yet.

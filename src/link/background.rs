@@ -197,7 +197,7 @@ mod tests {
     use std::sync::mpsc;
 
     use super::*;
-    use crate::link::testing::counts;
+    use crate::link::testing::{counts, eventually};
 
     /// A device that reports each message to the test, and takes it once the test tells whether it does.
     struct Scripted {
@@ -228,9 +228,7 @@ mod tests {
         let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
         let (panel, device) = (Arc::<Panel>::default(), Scripted { given, takes: answers, claimed });
         let carrier = Background::start("test", "fw-test", device, Arc::clone(&panel)).unwrap();
-        while !carrier.is_open() {
-            thread::yield_now();
-        }
+        eventually("the device is open", || carrier.is_open());
         (carrier, written, takes, panel)
     }
 

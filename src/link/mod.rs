@@ -248,7 +248,7 @@ impl Link {
 }
 
 #[cfg(test)]
-mod testing {
+pub(crate) mod testing {
     use std::{thread, time::Instant};
 
     use facewire_packet::{BLENDSHAPES, State};

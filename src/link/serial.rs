@@ -74,7 +74,6 @@ fn claims() -> MutexGuard<'static, Vec<(u64, PathBuf)>> {
 }
 
 /// The exclusive right of one link of this process to a serial port, until it is dropped.
-#[derive(Debug)]
 pub struct PortClaim(u64);
 
 impl PortClaim {

@@ -132,7 +132,6 @@ impl Writer {
     }
 }
 
-#[derive(Debug)]
 pub struct Reader<R> {
     input: R,
     chunk: Vec<u8>,

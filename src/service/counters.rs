@@ -40,7 +40,7 @@ const SENDER_PATIENCE_US: u64 = 5_000_000;
 ///
 /// `frames` includes those that missed their deadline, and excludes `skipped`, `left_out` and `damaged` frames, which
 /// never reached the pipeline.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Counters {
     /// Whether the service is to stop. SIGTERM and SIGINT set it.
     pub(super) stop: Arc<AtomicBool>,

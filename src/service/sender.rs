@@ -255,7 +255,7 @@ mod tests {
 
     use super::*;
     use crate::config;
-    use crate::link::test_output;
+    use crate::link::{test_output, testing::eventually};
 
     #[test]
     fn recorded_frames_are_due_at_their_own_distances_or_a_frame_period_apart_without_times_of_their_own() {
@@ -299,9 +299,7 @@ mod tests {
             operator.is_released.store(is_released, Relaxed);
             sender.step(&mut history);
             assert_eq!(operator.told_released.load(Relaxed), is_released, "the next round obeys");
-            while panel.dials.channels[0].place.get().is_none() != is_released {
-                thread::yield_now();
-            }
+            eventually("the servo obeys", || panel.dials.channels[0].place.get().is_none() == is_released);
         }
         const { assert!(MAX_SLEEP_US <= 100_000, "even if nothing wakes the sender, the next round begins in time") };
         let sender = thread::spawn(|| sender.run());
@@ -323,16 +321,12 @@ mod tests {
         let links = Links::change(&other, Vec::new(), &counters.traffic).unwrap();
         let reloaded = links.panels().remove(0);
         reload.send(links).unwrap();
-        while reloaded.dropped.load(Relaxed) < 3 {
-            thread::yield_now();
-        }
+        eventually("packets to the new link", || reloaded.dropped.load(Relaxed) >= 3);
         assert_eq!(reloaded.dials.channels[0].place.get(), None, "nor does a reload");
         until((State::Neutral, 0.0), false);
         assert!(!operator.is_driven.load(Relaxed));
         operator.is_released.store(false, Relaxed);
-        while reloaded.dials.channels[0].place.get().is_none() {
-            thread::yield_now();
-        }
+        eventually("the servo gets pulses", || reloaded.dials.channels[0].place.get().is_some());
         counters.stop();
         sender.join().unwrap();
     }

@@ -33,7 +33,6 @@ const SLOWER: usize = FRAMES / 5;
 /// The buckets are log-linear, as in `HdrHistogram`: each power of two in nanoseconds is divided into 32 equal parts. A
 /// reported duration is therefore never too short and at most 1/32 (3.2 %) too long; below 64 ns it is exact. A reader
 /// may or may not see a duration that is recorded meanwhile.
-#[derive(Debug)]
 pub struct Histogram {
     counts: [AtomicU64; BUCKETS],
     sum_ns: AtomicU64,
@@ -103,7 +102,7 @@ pub(super) fn quantiles(histogram: &Histogram) -> String {
     histogram.quantiles_ms([0.5, 0.95, 0.99]).map(digits).join("/")
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Times {
     /// From capture to the start of processing: exposure, transfer, decoding and waiting.
     wait: Histogram,
@@ -140,7 +139,6 @@ pub(super) fn between(begun_us: u64, ended_us: u64) -> Duration {
 }
 
 /// Measures the frames of the open camera and adds to the counters.
-#[derive(Debug)]
 pub(super) struct FrameTiming {
     counters: Arc<Counters>,
     last_captured_us: Option<u64>,

@@ -89,7 +89,6 @@ impl Steady {
     }
 }
 
-#[derive(Debug)]
 pub struct Watch {
     hold_us: u64,
     last_look_us: u64,

@@ -16,7 +16,6 @@ use crate::capture::{Content, Frame};
 use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
 use crate::recording::Recorded;
 
-#[derive(Debug)]
 pub enum Rejected {
     NoFace,
     Infer(InferError),

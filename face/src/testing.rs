@@ -5,9 +5,10 @@ use std::sync::Arc;
 use nalgebra::{Rotation3, Vector3};
 
 use crate::infer::{Engine, InferError, Network, Signature};
-use crate::solve::RIGID;
+use crate::solve::affine::RIGID;
+use crate::track::feature_map::Transform;
 use crate::track::refinement::{LEFT_EYE, LEFT_EYE_ROTATION, LIPS, LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION};
-use crate::track::{LANDMARKS, Landmarks, MESH, Transform};
+use crate::track::{LANDMARKS, Landmarks, MESH};
 
 pub struct Run<'a> {
     pub network: &'static str,

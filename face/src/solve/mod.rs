@@ -9,7 +9,7 @@
 //! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do
 //! not form a face, returns an error, and the whole frame is rejected.
 
-mod affine;
+pub(crate) mod affine;
 mod correction;
 mod features;
 mod filter;
@@ -27,8 +27,6 @@ mod solver;
 use crate::model::Model;
 use crate::track::LANDMARKS;
 
-#[cfg(any(test, feature = "testing"))]
-pub(crate) use affine::RIGID;
 pub use affine::{FaceMean, Normalised, normalise};
 pub use correction::{GAINS, MAX_REST, correct};
 pub(crate) use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};

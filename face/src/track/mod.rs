@@ -5,7 +5,7 @@ mod block;
 mod crop;
 mod detector;
 mod eyes;
-mod feature_map;
+pub(crate) mod feature_map;
 mod landmarks;
 mod mesh;
 pub(crate) mod refinement;
@@ -17,8 +17,6 @@ pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
 pub use eyes::{EYE_SIDE, EyeValues, Eyes};
-#[cfg(any(test, feature = "testing"))]
-pub(crate) use feature_map::Transform;
 pub use feature_map::bounds;
 pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;

@@ -119,7 +119,7 @@ impl Limits {
     /// Multiplications of all convolutions together.
     const PRODUCTS: usize = 1 << 29;
     /// Rows of a window, and its stride.
-    const WINDOW: usize = 7;
+    const WINDOW: usize = 9;
 }
 
 /// A network that passed all checks. Its numbers lie in the file.

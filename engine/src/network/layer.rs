@@ -160,4 +160,4 @@ pub(super) fn gather<'a>(maps: impl Iterator<Item = &'a Map>, arena: &[f32], mut
 }
 
 /// Rows of the largest window of the first layer.
-const MAX_WINDOW: usize = 7;
+const MAX_WINDOW: usize = 9;

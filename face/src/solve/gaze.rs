@@ -20,12 +20,10 @@ use crate::track::EyeValues;
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
 /// While a lid closes from the first to the second of these readings, this share falls to 0.
-const LIDS_HIDE: [f32; 2] = [0.3, 0.6];
-/// Share of that direction in a small turn, for yaw and pitch.
-const SMALL_TURN_SHARES: [f32; 2] = [0.4, 0.6];
-/// What a wide turn adds to these shares.
-const WIDE_TURN_ADDS: f32 = 0.4;
-/// The turns between which that share rises, degrees.
+const LIDS_HIDE: [f32; 2] = [0.4, 0.7];
+/// Shares of that direction in a small turn and in a wide one, for yaw and for pitch.
+const TURN_SHARES: [[f32; 2]; 2] = [[0.4, 0.8], [0.8, 1.0]];
+/// The turns between which these shares rise, degrees.
 const WIDE_TURN_DEG: [f32; 2] = [5.0, 15.0];
 /// The most that an eye turns, degrees.
 const MAX_TURN_DEG: f32 = 90.0;
@@ -136,15 +134,15 @@ impl Offset {
         let are_eyes_open = pick(&raw.0, BLINKS).iter().all(|shut| *shut <= SHUT);
         let learned = if self.observed_s > 0.0 { passed(dt_s, self.observed_s) } else { 1.0 };
         let mut yaw_pitch_deg = [0.0; 2];
-        let axes = yaw_pitch_deg.iter_mut().zip(&mut self.mean_deg).zip(SMALL_TURN_SHARES);
-        for (((turn_deg, mean_deg), small_turn_share), (map_deg, seen_deg)) in
+        let axes = yaw_pitch_deg.iter_mut().zip(&mut self.mean_deg).zip(TURN_SHARES);
+        for (((turn_deg, mean_deg), [small_share, wide_share]), (map_deg, seen_deg)) in
             axes.zip(map_deg.into_iter().zip(seen.yaw_pitch_deg))
         {
             if are_eyes_open {
                 *mean_deg += learned * (seen_deg - map_deg - *mean_deg);
             }
             let shifted_deg = map_deg + *mean_deg;
-            let share = small_turn_share + WIDE_TURN_ADDS * smoothstep(seen_deg.abs(), WIDE_TURN_DEG);
+            let share = small_share + (wide_share - small_share) * smoothstep(seen_deg.abs(), WIDE_TURN_DEG);
             *turn_deg = shifted_deg + share * (seen_deg - shifted_deg);
         }
         if are_eyes_open {
@@ -206,7 +204,7 @@ mod tests {
         }
         let [left, right] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg[0]);
         assert!(
-            (left - right - 4.0 * (1.0 - SMALL_TURN_SHARES[0])).abs() < 0.1 && (left + right - 6.0).abs() < 0.4,
+            (left - right - 4.0 * (1.0 - TURN_SHARES[0][0])).abs() < 0.1 && (left + right - 6.0).abs() < 0.4,
             "{left} {right}"
         );
     }
@@ -219,8 +217,7 @@ mod tests {
             follow(&mut offset, 3.0, seen_deg).yaw_pitch_deg[0]
         };
         for wide_deg in [30.0, -30.0] {
-            let share = SMALL_TURN_SHARES[0] + WIDE_TURN_ADDS;
-            assert!((shown(wide_deg) / wide_deg - share).abs() < 0.05, "{}", shown(wide_deg));
+            assert!((shown(wide_deg) / wide_deg - TURN_SHARES[0][1]).abs() < 0.05, "{}", shown(wide_deg));
         }
         let turns: Vec<f32> = (-400..400).map(|step| shown(step as f32 * 0.1)).collect();
         assert!(turns.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.5));

@@ -10,7 +10,7 @@ use crate::model::EYE_VALUES;
 use crate::picture::Picture;
 
 /// Rows and columns of the picture of an eye.
-pub const EYE_SIDE: usize = 32;
+pub const EYE_SIDE: usize = 64;
 
 /// Brightness of each pixel, 0 to 255, row by row. The left eye is mirrored, so that both look like a right one.
 pub type EyePicture = [f32; EYE_SIDE * EYE_SIDE];

@@ -60,7 +60,7 @@ const PANEL: usize = 16;
 /// Outputs of a panel of a dense layer. Their sums fill half of the registers.
 const DENSE_PANEL: usize = 32;
 /// Rows of the largest window of the first convolution.
-const MAX_WINDOW: usize = 8;
+const MAX_WINDOW: usize = 9;
 /// Bytes of a value.
 const VALUE: usize = size_of::<f32>();
 

@@ -2,7 +2,7 @@
 """Trains the network of the eyes, and the layer that turns its values into the direction of the gaze.
 
     pip install numpy torch
-    models/eyes/train.py faces/gaze/faces.npz
+    models/eyes/train.py faces/gaze/faces.npz faces/glances/faces.npz
 
 The archives are those of `facewire-fit synth`. The network (`models/eyes.fwnet`) reads the grey picture of one eye; the left
 one is mirrored. The layer, the table `[eyes]` of `models/blendshapes.toml`, reads the network's values for both eyes, some
@@ -273,7 +273,7 @@ def main():
     """Trains, judges, and writes both files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("archives", nargs="+", type=pathlib.Path, metavar="FACES.npz")
-    parser.add_argument("--epochs", type=int, default=14, help="passes over the pictures (default: 14)")
+    parser.add_argument("--epochs", type=int, default=13, help="passes over the pictures (default: 13)")
     parser.add_argument("--network", type=pathlib.Path, default=ROOT / "models/eyes.fwnet")
     parser.add_argument("--model", type=pathlib.Path, default=ROOT / "models/blendshapes.toml")
     arguments = parser.parse_args()

@@ -214,6 +214,8 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
+    use facewire_packet::control::Refusal;
+
     use facewire_face::stages::normalise;
     use facewire_face::testing::{Scripted, face, show};
     use facewire_face::{Neutral, Picture, Pixels};
@@ -221,14 +223,20 @@ mod tests {
     use super::*;
 
     const SIDE: usize = 192;
+    const FAILING: usize = 1000;
 
+    /// The networks fail while the number of runs of the detector is set to [`FAILING`]: then the backbone has written new
+    /// landmarks, which a head has not refined.
     #[test]
-    fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
+    fn landmarks_that_form_no_face_are_forgotten_and_those_of_a_failed_inference_are_shown_to_nobody() {
         let (scripted, detector_runs) = (face([0.0; 3], 60.0, [96.0, 80.0]), Arc::new(AtomicUsize::new(0)));
         // The scripted face has few points, so only displacements from itself are sensible.
         let neutral = Neutral::from_points(&normalise(&scripted).unwrap().points).unwrap();
         let runs = Arc::clone(&detector_runs);
         let engine = Scripted::new(move |mut run| {
+            if runs.load(Relaxed) == FAILING && run.network == "lips" {
+                return Err("the device has hung up");
+            }
             if run.network == "detector" {
                 runs.fetch_add(1, Relaxed);
             }
@@ -250,5 +258,10 @@ mod tests {
         assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved)));
         assert!((1..3).all(|number| pipeline.process(&frame(number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
+        detector_runs.store(FAILING, Relaxed);
+        let frame = frame(3);
+        let failed = pipeline.process(&frame);
+        assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
+        assert!(failed.observe(false).sight == Err(Refusal::NoFace) && failed.record().landmarks.is_none());
     }
 }

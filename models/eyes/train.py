@@ -104,8 +104,11 @@ def varied(pictures, random):
     x, y = margin + (SIDE - size) // 2 + random.integers(-4, 5, 2)
     pictures = F.pad(pictures.float(), [margin] * 4, mode="replicate")[:, :, y:y + size, x:x + size]
     pictures = F.interpolate(pictures, (SIDE, SIDE), mode="bilinear", align_corners=False)
-    if random.random() < 0.25:
-        pictures = F.avg_pool2d(pictures, 3, 1, 1, count_include_pad=False)
+    if random.random() < 0.5:
+        # As a smaller face looks, which has fewer pixels.
+        coarse = int(random.integers(SIDE // 4, SIDE))
+        pictures = F.interpolate(pictures, (coarse, coarse), mode="bilinear", antialias=True)
+        pictures = F.interpolate(pictures, (SIDE, SIDE), mode="bilinear", align_corners=False)
     if random.random() < 0.5:
         slope, place = torch.empty(2, len(pictures), 1, 1, 1).uniform_(-0.4, 0.4), torch.linspace(-1, 1, SIDE)
         pictures = pictures * (1 + slope[0] * place + slope[1] * place[:, None])

@@ -1,6 +1,7 @@
 //! What the settings promise.
 
 use facewire_face::BLENDSHAPES;
+use facewire_servo::{ChannelSettings, SOURCE_NAMES};
 
 use super::schema::{expected, keys};
 use super::*;
@@ -64,13 +65,20 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         assert!(text.contains(&kinds) && text.contains(&format!("# - \"{name}\": ")), "{text}");
         let heading = format!("[[link]]\nkind = \"{name}\"\n");
         assert_explained(&heading, &text);
-        let mut least = heading.clone();
-        if LinkKind::named(name).unwrap().channels().is_some() {
+        let mut want = LinkSettings::of(LinkKind::named(name).unwrap());
+        if let LinkKind::Maestro(MaestroSettings { channels, .. })
+        | LinkKind::Pca9685(Pca9685Settings { channels, .. })
+        | LinkKind::BusServo(BusServoSettings { channels, .. })
+        | LinkKind::Sacn(SacnSettings { channels, .. })
+        | LinkKind::ArtNet(ArtNetSettings { channels, .. }) = &mut want.kind
+        {
             assert_explained(&format!("{heading}[[link.channel]]\n"), &text);
             let channel = u32::from(text.contains("\nuniverse = "));
-            least += &format!("[[link.channel]]\nchannel = {channel}\nsources = {{ jawOpen = 1.0 }}\n");
+            let mut jaw = ChannelSettings { channel, ..ChannelSettings::default() };
+            jaw.sources[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;
+            channels.push(jaw);
         }
-        assert_eq!(parse("link", &text).unwrap(), parse("least", &least).unwrap(), "{text}");
+        assert_eq!(parse("link", &text).unwrap().links, [want], "{text}");
     }
 }
 

@@ -97,11 +97,13 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(wearer) = &args.wearer {
         settings.wearer.name = wearer.to_string();
     }
+    let profile = match args.neutral {
+        None => load_profile(&settings.wearer, &settings.solver)?.0,
+        Some(_) => Profile::default(),
+    };
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
-    if args.neutral.is_none() {
-        pipeline.solver.profile = load_profile(&settings.wearer, &settings.solver)?.0;
-    }
+    pipeline.solver.profile = profile;
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);
     pipeline.solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
     pipeline.set_turns(args.step.has_turns());

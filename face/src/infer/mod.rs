@@ -290,4 +290,9 @@ mod tests {
         let error = NetworkFolder::find("/nonexistent/networks").expect_err("no such folder").to_string();
         assert!(error.contains("/nonexistent/networks") && !error.contains(INSTALLED), "{error}");
     }
+
+    #[test]
+    fn the_team_of_an_engine_has_as_many_threads_as_were_asked_for() {
+        assert_eq!([1, 3].map(|threads| team(threads).unwrap().workers().len()), [0, 2], "one is the caller's");
+    }
 }

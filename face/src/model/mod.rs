@@ -153,7 +153,7 @@ pub(crate) enum Regression {
 }
 
 impl Model {
-    /// The numbers of the model as bytes.
+    /// The numbers of the model as bytes. Weights of a hidden layer or of how a face looks are rounded to four decimals.
     #[allow(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_allocvec(self).expect("numbers in memory")
@@ -290,7 +290,7 @@ mod list {
     }
 }
 
-/// Writes weights as whole ten-thousandths: model files have no more decimals, and most of these take two bytes, not four.
+/// Writes weights as whole ten-thousandths: `facewire-fit` writes no more decimals, and most take two bytes in place of four.
 mod four_decimals {
     use serde::{Deserialize, Deserializer, Serializer};
 

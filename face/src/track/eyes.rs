@@ -32,13 +32,13 @@ pub struct Eyes {
     network: Box<dyn Network>,
     samples: Vec<[f32; 3 * EYE_SIDE]>,
     /// The right eye and the left one.
-    pub pictures: [EyePicture; 2],
+    pub pictures: Vec<EyePicture>,
 }
 
 impl Eyes {
     /// Loads the network.
     pub fn load() -> Result<Self, InferError> {
-        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], [[0.0; EYE_SIDE * EYE_SIDE]; 2]);
+        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], vec![[0.0; EYE_SIDE * EYE_SIDE]; 2]);
         Ok(Self { network: built_in(FILE)?, samples, pictures })
     }
 

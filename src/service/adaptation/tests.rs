@@ -57,6 +57,12 @@ fn steps_after_10_minutes(work: impl Fn(u64) -> f64, impairments: &[Impairment])
 }
 
 #[test]
+fn option_step_takes_the_names_that_the_metrics_show() {
+    use clap::ValueEnum as _;
+    assert!(Step::ALL.into_iter().all(|step| Step::from_str(step.name(), false) == Ok(step)));
+}
+
+#[test]
 fn each_step_takes_less_of_the_processors_time_and_none_is_slower_than_two_frames_a_second() {
     let share = |step: Step| load(0.0, 3.0).unwrap().share_on(step);
     assert!(Step::ALL.windows(2).all(|pair| share(pair[1]) < share(pair[0])));

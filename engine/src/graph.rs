@@ -4,7 +4,6 @@
 //! operators have written, all shapes agree, and memory and work stay within [`Limits`].
 
 use crate::error::Error;
-use crate::kernels::MAX_WINDOW;
 use crate::values::Values;
 
 /// The size of a tensor. Elements lie row by row, column by column within a row, and channel by channel within a pixel.
@@ -119,6 +118,8 @@ impl Limits {
     const OPERATORS: usize = 1 << 10;
     /// Multiplications of all convolutions together.
     const PRODUCTS: usize = 1 << 29;
+    /// Rows of a window, and its stride.
+    const WINDOW: usize = 7;
 }
 
 /// A network that passed all checks. Its numbers lie in the file.
@@ -237,7 +238,7 @@ impl Window {
     /// Whether the window is within limits and each of its positions, one for each pixel of `output`, covers a pixel of
     /// `input`.
     fn fits(self, input: Shape, output: Shape) -> bool {
-        let range = 1..=MAX_WINDOW;
+        let range = 1..=Limits::WINDOW;
         let covers = |outputs: usize, before: usize, inputs: usize| (outputs - 1) * self.stride < inputs + before;
         range.contains(&self.size)
             && range.contains(&self.stride)

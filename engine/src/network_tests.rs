@@ -89,11 +89,10 @@ const POINT: Window = Window { size: 1, stride: 1, top: 0, left: 0 };
 pub(crate) fn random_network(seed: u64) -> Graph<'static> {
     let mut random = Random::new(seed);
     let mut pick = |from: &[usize]| from[random.below(from.len())];
-    let (size, stride) = [(3, 1), (3, 2), (5, 1), (5, 2), (9, 4)][pick(&[0, 1, 2, 3, 4])];
+    let (size, stride) = (pick(&[3, 5]), pick(&[1, 2]));
     let [rows, columns] = [pick(&[2, 6, 12, 20, 34, 50]), pick(&[2, 4, 10, 24, 26, 60])];
     let mut draft = Draft::new(seed + 1, [rows, columns, 3]);
-    let to =
-        Shape { rows: rows.div_ceil(stride), columns: columns.div_ceil(stride), channels: pick(&[3, 8, 17, 24, 33]) };
+    let to = Shape { rows: rows / stride, columns: columns / stride, channels: pick(&[3, 8, 17, 24, 33]) };
     let before = (size - stride) / 2;
     let first = draft.convolution(0, Window { size, stride, top: before, left: before }, to);
     let mut tensor = draft.activation(first);

@@ -108,9 +108,6 @@ pub enum Activation<'a> {
     Prelu(&'a [f32]),
 }
 
-/// Rows of the largest window of a convolution.
-pub(crate) const MAX_WINDOW: usize = 9;
-
 /// One row of the convolution that reads the picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Stem<'a> {

@@ -35,7 +35,7 @@ pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(
     }
 }
 
-/// Runs the code that is compiled for the windows of the networks of landmarks, or the code for any window.
+/// Runs the code that is compiled for the windows of facewire's networks, or the code for any window.
 ///
 /// # Safety
 /// As [`stem_panel`].

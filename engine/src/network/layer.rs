@@ -7,7 +7,7 @@ use super::MAX_SHARES;
 use super::map::Map;
 use super::strips::Division;
 use crate::fusion::Residual;
-use crate::kernels::{self, Kernels, MAX_WINDOW};
+use crate::kernels::{self, Kernels};
 
 /// A layer whose weights are packed. Its ranges lie in the memory of the packed weights.
 pub(super) struct Layer {
@@ -158,3 +158,6 @@ pub(super) fn gather<'a>(maps: impl Iterator<Item = &'a Map>, arena: &[f32], mut
         }
     }
 }
+
+/// Rows of the largest window of the first layer.
+const MAX_WINDOW: usize = 7;

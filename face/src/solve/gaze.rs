@@ -23,7 +23,7 @@ const PICTURE_SHARE: f32 = 0.6;
 /// While a lid closes from the first to the second of these readings, this share falls to 0.
 const LIDS_HIDE: [f32; 2] = [0.4, 0.7];
 /// Shares of that direction in a small turn and in a wide one, for yaw and for pitch.
-const TURN_SHARES: [[f32; 2]; 2] = [[0.4, 0.8], [0.8, 1.0]];
+const TURN_SHARES: [[f32; 2]; 2] = [[0.4, 0.8], [0.6, 1.0]];
 /// The turns between which these shares rise, degrees.
 const WIDE_TURN_DEG: [f32; 2] = [5.0, 15.0];
 /// The most that an eye turns, degrees.

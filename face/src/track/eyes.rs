@@ -10,7 +10,7 @@ use crate::model::EYE_VALUES;
 use crate::picture::Picture;
 
 /// Rows and columns of the picture of an eye.
-pub const EYE_SIDE: usize = 64;
+pub const EYE_SIDE: usize = 32;
 
 /// Brightness of each pixel, 0 to 255, row by row. The left eye is mirrored, so that both look like a right one.
 pub type EyePicture = [f32; EYE_SIDE * EYE_SIDE];
@@ -32,13 +32,13 @@ pub struct Eyes {
     network: Box<dyn Network>,
     samples: Vec<[f32; 3 * EYE_SIDE]>,
     /// The right eye and the left one.
-    pub pictures: Vec<EyePicture>,
+    pub pictures: [EyePicture; 2],
 }
 
 impl Eyes {
     /// Loads the network.
     pub fn load() -> Result<Self, InferError> {
-        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], vec![[0.0; EYE_SIDE * EYE_SIDE]; 2]);
+        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], [[0.0; EYE_SIDE * EYE_SIDE]; 2]);
         Ok(Self { network: built_in(FILE)?, samples, pictures })
     }
 

@@ -14,7 +14,7 @@ use std::ptr::null;
 
 use super::finish::are_gentle;
 use super::peak::FACTOR;
-use super::{Activation, Dense, Depthwise, Kernels, MAX_WINDOW, Pointwise, Stem};
+use super::{Activation, Dense, Depthwise, Kernels, Pointwise, Stem};
 use super::{dense, depthwise, pointwise, stem};
 
 global_asm!(
@@ -59,6 +59,8 @@ const VECTOR: usize = 4;
 const PANEL: usize = 16;
 /// Outputs of a panel of a dense layer. Their sums fill half of the registers.
 const DENSE_PANEL: usize = 32;
+/// Rows of the largest window of the first convolution.
+const MAX_WINDOW: usize = 8;
 /// Bytes of a value.
 const VALUE: usize = size_of::<f32>();
 

@@ -84,7 +84,7 @@ pub fn run(args: &FitArgs) -> Result<()> {
     let unknown = args.choose(&samples, &split, false)?;
     let file = choice::model_file(&known, &unknown, args.made_by(), split.described())?;
     output::write(path, toml::to_string(&file)?)?;
-    println!("model in the program: {} bytes", file.to_model()?.to_bytes().len());
+    println!("model in memory: {} bytes", file.to_model()?.to_bytes().len());
     let [known, unknown] = [known, unknown].map(|choices| choice::json(&choices, &split, &args.budget()));
     args.write_json(&json!({ "neutral_known": known, "neutral_unknown": unknown }))
 }

@@ -82,7 +82,7 @@ pub fn run(args: &JudgeArgs) -> Result<()> {
         print!("{}", tables::text(&one)?);
         judged.push(one);
     }
-    println!("model in the program: {} bytes", model.to_bytes().len());
+    println!("model in memory: {} bytes", model.to_bytes().len());
     if let Some(path) = &args.page {
         let name = |path: &PathBuf| path.display().to_string();
         let names = [&args.model, &args.against].map(|path| path.as_ref().map_or_else(|| "built in".to_owned(), name));

@@ -153,7 +153,7 @@ pub(crate) enum Regression {
 }
 
 impl Model {
-    /// The numbers of the model as bytes. Weights of a hidden layer or of how a face looks are rounded to four decimals.
+    /// The numbers of the model as bytes.
     #[allow(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_allocvec(self).expect("numbers in memory")
@@ -169,7 +169,6 @@ impl Model {
 pub(crate) struct HiddenLayer {
     pub(crate) inputs: Box<[Input]>,
     /// The columns of `W`, each with [`MAX_HIDDEN`] weights, one column for each input.
-    #[serde(with = "four_decimals")]
     pub(crate) weights: Box<[f32]>,
     /// `a` where the wearer's neutral face is known, and where it is not.
     #[serde(with = "list")]
@@ -229,7 +228,6 @@ pub(crate) struct EyesLayer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Output {
     /// The columns of `V`, each with [`COEFFS`] weights, one column for each unit.
-    #[serde(with = "four_decimals")]
     pub(crate) weights: Box<[f32]>,
     #[serde(with = "list")]
     pub(crate) offsets: [f32; COEFFS],
@@ -287,21 +285,6 @@ mod list {
         from: D,
     ) -> Result<[T; N], D::Error> {
         Vec::deserialize(from)?.try_into().map_err(|_| D::Error::custom("a list of another length"))
-    }
-}
-
-/// Writes weights as whole ten-thousandths: `facewire-fit` writes no more decimals, and most take two bytes in place of four.
-mod four_decimals {
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    #[allow(clippy::cast_possible_truncation, reason = "the weights of a model are small")]
-    pub fn serialize<S: Serializer>(weights: &[f32], to: S) -> Result<S::Ok, S::Error> {
-        to.collect_seq(weights.iter().map(|weight| (weight * 1e4).round() as i32))
-    }
-
-    #[allow(clippy::cast_possible_truncation, reason = "the nearest number of single precision is wanted")]
-    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Box<[f32]>, D::Error> {
-        Ok(Vec::<i32>::deserialize(from)?.into_iter().map(|count| (f64::from(count) / 1e4) as f32).collect())
     }
 }
 

@@ -87,6 +87,11 @@ impl Pipeline {
         Ok(Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg })
     }
 
+    /// Finds the face of one frame by [`find`].
+    pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<Face<'a>>, InferError> {
+        find(self.tracker.as_mut(), &mut StageTimes::default(), frame)
+    }
+
     /// Finds and solves the face of one frame. Landmarks that cannot be solved are no face: the tracker forgets them, so
     /// that it finds another face in the next picture.
     pub fn process<'a>(&'a mut self, frame: &Frame<'a>) -> Processed<'a> {
@@ -112,9 +117,10 @@ impl Pipeline {
         Processed { solved, face, times, frame: *frame, camera, solver: &self.solver }
     }
 
-    pub fn set_turns(&mut self, has_turns: bool) {
+    /// Sets whether the networks for lips and eyes take turns, one on each frame.
+    pub fn set_turns(&mut self, by_turns: bool) {
         if let Some(tracker) = &mut self.tracker {
-            tracker.set_turns(has_turns);
+            tracker.set_turns(by_turns);
         }
     }
 
@@ -125,8 +131,8 @@ impl Pipeline {
     }
 }
 
-/// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
-/// face, or a picture but no tracker.
+/// Returns the face that the frame contains, or else the one that the tracker finds in its picture. Returns `None` if there
+/// is no face, or if a picture comes without a tracker.
 pub fn find<'a>(
     tracker: Option<&'a mut Tracker>,
     times: &mut StageTimes,
@@ -216,50 +222,68 @@ mod tests {
 
     use facewire_packet::control::Refusal;
 
-    use facewire_face::stages::normalise;
+    use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};
-    use facewire_face::{Neutral, Picture, Pixels};
+    use facewire_face::{Landmarks, Picture, Pixels};
 
     use super::*;
 
     const SIDE: usize = 192;
     const FAILING: usize = 1000;
 
-    /// The networks fail while the number of runs of the detector is set to [`FAILING`]: then the backbone has written new
-    /// landmarks, which a head has not refined.
-    #[test]
-    fn landmarks_that_form_no_face_are_forgotten_and_those_of_a_failed_inference_are_shown_to_nobody() {
-        let (scripted, detector_runs) = (face([0.0; 3], 60.0, [96.0, 80.0]), Arc::new(AtomicUsize::new(0)));
-        // The scripted face has few points, so only displacements from itself are sensible.
-        let neutral = Neutral::from_points(&normalise(&scripted).unwrap().points).unwrap();
-        let runs = Arc::clone(&detector_runs);
+    fn scripted() -> Landmarks {
+        face([0.0; 3], 60.0, [96.0, 80.0])
+    }
+
+    /// A pipeline whose detector finds something that is no face in its first `wrong` runs, and a face later; and how
+    /// often it ran. The networks fail while the number of runs is set to [`FAILING`]. The neutral face is the scripted
+    /// one: it has few points, so only displacements from itself are sensible.
+    fn pipeline(wrong: usize) -> (Pipeline, Arc<AtomicUsize>) {
+        let runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&runs);
         let engine = Scripted::new(move |mut run| {
-            if runs.load(Relaxed) == FAILING && run.network == "lips" {
+            if counted.load(Relaxed) == FAILING && run.network == "lips" {
                 return Err("the device has hung up");
             }
             if run.network == "detector" {
-                runs.fetch_add(1, Relaxed);
+                counted.fetch_add(1, Relaxed);
             }
-            let mut shown = scripted.clone();
-            // What the detector finds first is no face.
-            if runs.load(Relaxed) == 1 {
+            let mut shown = scripted();
+            if counted.load(Relaxed) <= wrong {
                 shown.0.reverse();
             }
             show(&mut run, &shown);
             Ok(())
         });
         let mut solver = load_solver(&Settings::default()).unwrap();
-        solver.profile.neutral = Some(neutral);
+        let mut mean = FaceMean::default();
+        mean.add(&normalise(&scripted()).unwrap());
+        solver.profile.neutral = Some(mean.neutral().unwrap());
         let tracker = Some(Tracker::load(&engine).unwrap());
-        let mut pipeline = Pipeline { tracker, solver, horizontal_fov_deg: 60.0 };
+        (Pipeline { tracker, solver, horizontal_fov_deg: 60.0 }, runs)
+    }
+
+    fn frame(number: u64) -> Frame<'static> {
         let pixels = Pixels::Grey { data: &[128; SIDE * SIDE], stride: SIDE };
         let content = Content::Picture(Picture::new(SIDE, SIDE, pixels, true).unwrap());
-        let frame = |number| Frame { content, captured_us: 33_333 * number, number };
+        Frame { content, captured_us: 33_333 * number, number }
+    }
+
+    #[test]
+    fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
+        let (mut pipeline, detector_runs) = pipeline(1);
         assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved)));
         assert!((1..3).all(|number| pipeline.process(&frame(number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
-        detector_runs.store(FAILING, Relaxed);
-        let frame = frame(3);
+    }
+
+    /// The backbone has written new landmarks then, and a head that fails has not refined them.
+    #[test]
+    fn after_a_failed_inference_a_calibration_sees_no_face() {
+        let (mut pipeline, runs) = pipeline(0);
+        assert!(pipeline.process(&frame(0)).observe(false).sight.is_ok());
+        runs.store(FAILING, Relaxed);
+        let frame = frame(0);
         let failed = pipeline.process(&frame);
         assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
         assert!(failed.observe(false).sight == Err(Refusal::NoFace) && failed.record().landmarks.is_none());

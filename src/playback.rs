@@ -12,7 +12,7 @@ use facewire_packet::{Pose, Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
-use crate::pipeline::{Pipeline, SetupError, StageTimes, find};
+use crate::pipeline::{Pipeline, SetupError};
 use crate::service::ServiceError;
 use crate::service::failsafe::{Failsafe, History};
 
@@ -55,8 +55,7 @@ impl Playback {
         let face = match source.next() {
             Ok(None) => return Ok(None),
             Ok(Some(frame)) => {
-                let found = find(self.pipeline.tracker.as_mut(), &mut StageTimes::default(), &frame);
-                let face = found.map_err(SetupError::from)?;
+                let face = self.pipeline.find(&frame).map_err(SetupError::from)?;
                 TrackedFrame {
                     number: frame.number,
                     time_us: frame.captured_us,

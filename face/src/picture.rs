@@ -53,7 +53,7 @@ impl Pixels<'_> {
                 let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
                 holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
             }
-            // No format has chroma that is less than a quarter as wide or as high.
+            // No format has chroma planes of less than a quarter of the width or height of luma.
             Self::Planar { chroma_shift: [x, y], .. } if x.max(y) > 2 => false,
             Self::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift: [x, y] } => {
                 let chroma_size = [width.div_ceil(1 << x), height.div_ceil(1 << y)];

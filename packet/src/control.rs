@@ -453,9 +453,9 @@ mod tests {
         let requests = rows.filter_map(|row| serde_json::from_str(&row[..=row.find('}')?]).ok());
         let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
         let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
-        let wearers = [calibrate, choose, Request::Delete { wearer: anna }, Request::List {}];
-        let streams = [Request::Record {}, Request::Watch {}, Request::Status {}, Request::Reload {}];
-        let others = [Request::Release { on: true }, Request::Drive {}, Request::Picture {}, Request::Landmarks {}];
-        assert_eq!(requests.collect::<Vec<Request>>(), [wearers, streams, others].concat());
+        let first = [calibrate, choose, Request::Delete { wearer: anna }, Request::List {}];
+        let second = [Request::Record {}, Request::Watch {}, Request::Status {}, Request::Reload {}];
+        let third = [Request::Release { on: true }, Request::Drive {}, Request::Picture {}, Request::Landmarks {}];
+        assert_eq!(requests.collect::<Vec<Request>>(), [first, second, third].concat());
     }
 }

@@ -101,7 +101,7 @@ fn servos_follow_a_face_and_a_line_that_was_unplugged_in_mid_move_begins_again_w
     {
         let mut simulator = simulator.lock().unwrap();
         simulator.written.clear();
-        // They stand still in mid-move until they have a new goal.
+        // The motors stop in mid-move, so that each new goal can be compared with the place where its servo stands.
         simulator.servos.iter_mut().for_each(|servo| servo.motor = 0.0);
     }
     let bus = Bus::with(simulator);
@@ -114,6 +114,7 @@ fn servos_follow_a_face_and_a_line_that_was_unplugged_in_mid_move_begins_again_w
         let (way, speed) = first().unwrap();
         assert!(way.abs() < 1.0 && (1.0..=683.0).contains(&speed), "{way} {speed}");
     }
+    // The motors turn again.
     bus.lock().servos.iter_mut().for_each(|servo| servo.motor = 5000.0);
     moves(&bus);
 }

@@ -153,28 +153,28 @@ fn board_names() -> impl Iterator<Item = &'static str> {
     [AUTO].into_iter().chain(BOARDS.map(|(name, _)| name))
 }
 
-/// Adds the faults of settings that do not fit together.
+/// Adds the faults of values that can be read but cannot be used, alone or together.
 fn check(settings: &Settings, faults: &mut Faults) {
     let FailsafeSettings { live_ms, hold_ms, neutral_ms, .. } = settings.failsafe;
     let after_live = format!("more than failsafe.live_ms, which is {live_ms}");
-    faults.need(live_ms < hold_ms, "failsafe.hold_ms", hold_ms, after_live);
+    faults.require(live_ms < hold_ms, "failsafe.hold_ms", hold_ms, after_live);
     let after_hold = format!("more than failsafe.hold_ms, which is {hold_ms}");
-    faults.need(hold_ms < neutral_ms, "failsafe.neutral_ms", neutral_ms, after_hold);
+    faults.require(hold_ms < neutral_ms, "failsafe.neutral_ms", neutral_ms, after_hold);
     let (device, name) = (&settings.camera.device, &settings.wearer.name);
     let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
-    faults.need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
+    faults.require(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
     let bad = Script::of(device).and_then(Result::err);
-    faults.need(bad.is_none(), "camera.device", format!("{device:?}"), bad.unwrap_or_default());
+    faults.require(bad.is_none(), "camera.device", format!("{device:?}"), bad.unwrap_or_default());
     let [folder, model, wearers] = [&settings.networks.folder, &settings.solver.model, &settings.wearer.folder];
     for (key, path) in [("networks.folder", folder), ("solver.model", model), ("wearer.folder", wearers)] {
         let expected = "a path from / on: no shell replaces the ~ of a setting";
-        faults.need(!path.starts_with('~'), key, format!("{path:?}"), expected);
+        faults.require(!path.starts_with('~'), key, format!("{path:?}"), expected);
     }
     let is_name = name.is_empty() || WearerName::new(name).is_some();
-    faults.need(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
-    faults.need(!settings.links.is_empty(), "link", "[]", "at least one [[link]]");
+    faults.require(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
+    faults.require(!settings.links.is_empty(), "link", "[]", "at least one [[link]]");
     for rate_hz in settings.links.iter().map(|link| link.pace.rate_hz).filter(|rate_hz| *rate_hz > 0) {
         let expected = format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");
-        faults.need(rate_hz >= SLOWEST_LINK_HZ, "link.rate_hz", rate_hz, expected);
+        faults.require(rate_hz >= SLOWEST_LINK_HZ, "link.rate_hz", rate_hz, expected);
     }
 }

@@ -32,8 +32,8 @@ impl Faults {
         self.push(format!("{key} = {value}: give {expected}"));
     }
 
-    /// Adds the fault that a value does not fit other settings. A table with an invalid value is not judged.
-    pub fn need(&mut self, is_good: bool, key: &str, value: impl fmt::Display, expected: impl fmt::Display) {
+    /// Adds a fault unless `is_good`. A table that already has an invalid value is not judged.
+    pub fn require(&mut self, is_good: bool, key: &str, value: impl fmt::Display, expected: impl fmt::Display) {
         if !is_good && !self.has_invalid_value(key.split('.').next().unwrap_or(key)) {
             self.conflict(key, value, expected);
         }

@@ -47,7 +47,7 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             }
             LinkKind::BusServo(it) => {
                 let expected = "the path of the adapter's port, because anything may be connected to such an adapter";
-                check.faults.need(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
+                check.faults.require(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
                 check.servos(&Capabilities::bus_servo(it.family, it.unit), &it.channels);
                 check.needs_even_steps("bus servo");
             }
@@ -81,7 +81,7 @@ impl Check<'_> {
         let is_same = |(other, _, other_auto): Line<'_>| other == device && (other_auto == auto || !is_auto);
         let is_taken = self.earlier.iter().filter_map(|link| link.kind.line()).any(is_same);
         let expected = "another port, or remove this link: an earlier link has the same port";
-        self.faults.need(!is_taken, "link.device", quoted(&device.to_string()), expected);
+        self.faults.require(!is_taken, "link.device", quoted(&device.to_string()), expected);
         let mut others = self.settings.links.iter().filter_map(|link| link.kind.line());
         let beside = others.find(|(other, _, other_auto)| *other_auto == auto && **other != SerialDevice::Auto);
         if let (true, Some((other, ..))) = (is_auto, beside) {
@@ -131,19 +131,19 @@ impl Check<'_> {
     fn chip(&mut self, Pca9685Settings { bus, address, .. }: &Pca9685Settings) {
         let is_same = |link: &LinkSettings| matches!(&link.kind, LinkKind::Pca9685(it) if (it.bus, it.address) == (*bus, *address));
         let expected = "another bus or address: an earlier link has the same chip";
-        self.faults.need(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
+        self.faults.require(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
     }
 
     fn servos(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
-        self.faults.need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
+        self.faults.require(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
         let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
-        self.faults.need(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
+        self.faults.require(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
         self.channels(board, channels);
     }
 
     fn needs_even_steps(&mut self, board: &str) {
         let expected = format!("\"rate\" for a {board}: its speed limits are kept by even steps");
-        self.faults.need(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
+        self.faults.require(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
     }
 
     fn channels(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
@@ -161,14 +161,14 @@ impl Check<'_> {
         let place = |kind: &LinkKind| (kind.name(), kind.universe().map(|(number, _)| number), kind.address());
         let is_taken = self.earlier.iter().any(|earlier| place(&earlier.kind) == place(kind));
         let expected = "another universe or address, or all channels in one link: an earlier link has the same";
-        self.faults.need(!is_taken, "link.universe", universe, expected);
+        self.faults.require(!is_taken, "link.universe", universe, expected);
         let expected = "1 to 63999: sACN counts universes from 1, where Art-Net has 0";
-        self.faults.need(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
+        self.faults.require(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
         let (pace, rate_hz) = (self.link.pace.pace, self.link.rate_hz(self.settings.send.rate_hz));
         let expected = "\"rate\" for DMX: unchanged values are sent less often anyway";
-        self.faults.need(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
+        self.faults.require(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
-        self.faults.need(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
+        self.faults.require(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
         self.channels(&Capabilities::DMX, channels);
         if let Some(from) = from {
             self.sender(from);
@@ -186,21 +186,21 @@ impl Check<'_> {
             (is_taken, "another port, or 0 for any, because an earlier link sends from there"),
             (is_mixed, "an address like that of the receiver: one is of IPv4 and the other of IPv6"),
         ] {
-            self.faults.need(!is_wrong, "link.from", quoted(&from.to_string()), expected);
+            self.faults.require(!is_wrong, "link.from", quoted(&from.to_string()), expected);
         }
     }
 
     fn listener(&mut self, it: &IFacialMocapSettings) {
         let Some(listen) = it.listen else {
             let expected = "an address to listen at, or link.address";
-            return self.faults.need(it.address.is_some(), "link.listen", "\"\"", expected);
+            return self.faults.require(it.address.is_some(), "link.listen", "\"\"", expected);
         };
         let is_shared = |link: &LinkSettings| match &link.kind {
             LinkKind::IFacialMocap(it) => it.listen.is_some_and(|other| is_same_port(other, listen)),
             _ => false,
         };
         let expected = "another port, because an earlier link listens there, or \"\" with link.address";
-        self.faults.need(!self.earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
+        self.faults.require(!self.earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
     }
 
     fn socket(&mut self, it: &JsonSettings, control: &[PathBuf]) {

@@ -58,7 +58,7 @@ pub enum Step {
     Full,
     /// Every frame; of the three networks for lips and eyes, one runs on each frame.
     Turns,
-    /// One frame in two, with all networks. The steps below take fewer, as their names say.
+    /// One frame in two, with all networks.
     Half,
     Third,
     Quarter,

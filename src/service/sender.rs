@@ -321,7 +321,7 @@ mod tests {
         let links = Links::change(&other, Vec::new(), &counters.traffic).unwrap();
         let reloaded = links.panels().remove(0);
         reload.send(links).unwrap();
-        eventually("packets to the new link", || reloaded.dropped.load(Relaxed) >= 3);
+        eventually("three dropped packets of the new link", || reloaded.dropped.load(Relaxed) >= 3);
         assert_eq!(reloaded.dials.channels[0].place.get(), None, "nor does a reload");
         until((State::Neutral, 0.0), false);
         assert!(!operator.is_driven.load(Relaxed));

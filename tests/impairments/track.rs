@@ -2,7 +2,7 @@
 
 use facewire::capture::{Content, Frame};
 use facewire::config::Settings;
-use facewire::pipeline::{Pipeline, StageTimes, find};
+use facewire::pipeline::Pipeline;
 use facewire::watch::{FaceLook, Look, Watch};
 use facewire_board::ImpairmentSet;
 use facewire_face::{COEFFS, Camera, Face, Landmarks, MESH};
@@ -35,7 +35,7 @@ impl Track {
             let altered = alter(photo, number);
             let content = Content::Picture(altered.picture());
             let frame = Frame { content, captured_us: (number * step * PERIOD_US) as u64, number: number as u64 };
-            let found = find(pipeline.tracker.as_mut(), &mut StageTimes::default(), &frame).unwrap();
+            let found = pipeline.find(&frame).unwrap();
             let (landmarks, appearance) = found.map(|face| (face.landmarks.clone(), face.appearance.cloned())).unzip();
             let camera = Camera::new(frame.size_px(), settings.camera.horizontal_fov_deg);
             let appearance = appearance.flatten();

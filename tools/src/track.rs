@@ -250,7 +250,7 @@ impl Track<'_> {
     }
 }
 
-/// Writes landmarks. All numbers of a frame without a face are not-a-number.
+/// Writes the landmarks of frames. Those of a frame without a face must be not-a-number.
 pub(crate) fn write_npy(path: &Path, values: &[f32]) -> io::Result<()> {
     let shape = [values.len() / (3 * LANDMARKS), LANDMARKS, 3].map(|side| side as u64);
     let file = BufWriter::new(File::create(path)?);

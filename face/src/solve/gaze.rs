@@ -3,8 +3,8 @@
 //! A linear map of a few points of the eyes (eq. 4) follows small movements of every wearer. But each wearer shifts it by an
 //! offset of their own, and the landmarks of the irises lag at the ends of the range. A blend of the regression, which reads
 //! the whole face, and a layer that reads a picture of each eye is right at those ends and on average. So the mean difference
-//! between blend and map is the offset. In the result the map counts in small turns, to the sides more than up and down, and
-//! hardly in wide ones.
+//! between blend and map is the offset. The map counts most in small turns, and more for yaw than for pitch; in wide turns it
+//! counts little or not at all.
 
 use std::slice;
 
@@ -20,9 +20,9 @@ use crate::track::EyeValues;
 
 /// Share of the pictures of the eyes in the direction that they and the regression see.
 const PICTURE_SHARE: f32 = 0.6;
-/// While a lid closes from the first to the second of these readings, this share falls to 0.
+/// [`PICTURE_SHARE`] falls to 0 while `eyeBlink` of either eye rises from the first to the second of these values.
 const LIDS_HIDE: [f32; 2] = [0.4, 0.7];
-/// Shares of that direction in a small turn and in a wide one, for yaw and for pitch.
+/// Share of the blend against the map, in a small turn and in a wide one: for yaw, then for pitch.
 const TURN_SHARES: [[f32; 2]; 2] = [[0.4, 0.8], [0.6, 1.0]];
 /// The turns between which these shares rise, degrees.
 const WIDE_TURN_DEG: [f32; 2] = [5.0, 15.0];
@@ -34,7 +34,7 @@ const MAX_VERGENCE_DEG: f32 = 2.0;
 const OFFSET_S: f32 = 10.0;
 /// What the first frame weighs in the average, seconds.
 const FIRST_FRAME_S: f32 = 1.0;
-/// A lid that is further shut than this hides where the eye looks.
+/// While a lid is further shut than this, the offset is not learned.
 const SHUT: f32 = 0.4;
 
 /// Where both eyes look, in the axes of the head.
@@ -161,7 +161,7 @@ mod tests {
     use crate::solve::{filter::FRAME_S, normalise};
     use crate::testing::face;
 
-    /// A map by which the eyes turn by 100 degrees for 1 of the left iris, to the left and upwards.
+    /// A map that turns the gaze by 100 degrees to the left and upwards for 1 of the left iris's x.
     fn layer() -> GazeLayer {
         let feature = FeatureId::from_name("x473").expect("known");
         GazeLayer {
@@ -170,7 +170,7 @@ mod tests {
         }
     }
 
-    /// Follows eyes that the map and the regression see turned by these angles to the left and upwards.
+    /// Steps by a frame in which map and regression see the eyes turned by these angles both to the left and upwards.
     fn follow(offset: &mut Offset, map_deg: f32, seen_deg: f32) -> Gaze {
         let mut features = Features { values: [0.0; FEATURES], known: 0.0 };
         features.values[layer().inputs[0].feature.index()] = 0.5 + map_deg / 100.0;
@@ -193,26 +193,24 @@ mod tests {
     }
 
     #[test]
-    fn small_movements_are_those_of_the_map_by_its_share_around_the_mean_that_the_regression_sees() {
+    fn small_movements_follow_the_map_by_its_share_around_the_mean_of_the_regression() {
         let mut offset = Offset::default();
-        assert!(
-            (follow(&mut offset, 10.0, 3.0).yaw_pitch_deg[0] - 3.0).abs() < 1e-4,
-            "the first frame is the regression's"
-        );
+        let first_deg = follow(&mut offset, 10.0, 3.0).yaw_pitch_deg[0];
+        assert!((first_deg - 3.0).abs() < 1e-4, "the first frame is the regression's");
         for frame in 0..600 {
             let move_deg = if frame % 20 < 10 { 2.0 } else { -2.0 };
             follow(&mut offset, 10.0 + move_deg, 3.0 + 0.2 * move_deg);
         }
-        let [one, other] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg);
+        let [high, low] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg);
         for (axis, [small_share, _]) in TURN_SHARES.into_iter().enumerate() {
-            let (one, other) = (one[axis], other[axis]);
-            assert!((one - other - 4.0 * (1.0 - small_share)).abs() < 0.1, "{one} {other}");
-            assert!((one + other - 6.0).abs() < 0.4, "{one} {other}");
+            let (difference_deg, sum_deg) = (high[axis] - low[axis], high[axis] + low[axis]);
+            assert!((difference_deg - 4.0 * (1.0 - small_share)).abs() < 0.1, "{difference_deg}");
+            assert!((sum_deg - 6.0).abs() < 0.4, "{sum_deg}");
         }
     }
 
     #[test]
-    fn wide_turns_are_mostly_those_that_the_regression_sees_and_no_turn_makes_a_step() {
+    fn wide_turns_follow_the_regression_by_its_share_and_no_turn_makes_a_step() {
         let shown = |seen_deg: f32| {
             let mut offset = Offset::default();
             follow(&mut offset, 0.0, 0.0);

@@ -57,7 +57,7 @@ fn steps_after_10_minutes(work: impl Fn(u64) -> f64, impairments: &[Impairment])
 }
 
 #[test]
-fn option_step_takes_the_names_that_the_metrics_show() {
+fn the_option_step_accepts_the_names_that_the_metrics_show() {
     use clap::ValueEnum as _;
     assert!(Step::ALL.into_iter().all(|step| Step::from_str(step.name(), false) == Ok(step)));
 }

@@ -217,7 +217,7 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
         let _answers = rig.calibrate("anna");
         let (control, socket) = (rig.server.start().unwrap(), run.join("control"));
         let mode_of = |path: &std::path::Path| fs::metadata(path).map(|file| file.permissions().mode() & 0o777).ok();
-        eventually("the socket", || mode_of(&socket) == Some(mode));
+        eventually("the mode of the socket", || mode_of(&socket) == Some(mode));
         let of_folder = folder_mode.or(Some(0o700));
         assert_eq!(mode_of(&run), of_folder, "it belongs to its user, and to a group if that is set up");
         drop(rig.stop);
@@ -346,7 +346,7 @@ fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
     counters.set_panels(links.panels());
     links.send_last(&test_output(State::Live));
     let (packets, panels) = (&counters.traffic.packets, links.panels());
-    eventually("packets and trouble", || packets.load(Relaxed) == 2 && panels[1].trouble().is_some());
+    eventually("two packets, and a trouble of the servos", || packets.load(Relaxed) == 2 && panels[1].trouble().is_some());
     let Some(Reply::Status(status)) = rig.ask(Request::Status {}).next() else { panic!("no state") };
     let [udp, servos] = &*status.links else { panic!("{status:?}") };
     let counted = (udp.kind.as_str(), udp.sent, udp.trouble.as_deref(), udp.channels.len());

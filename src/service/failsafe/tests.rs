@@ -84,7 +84,7 @@ fn transitions(outputs: &[Output]) -> Vec<(u64, State)> {
     states
 }
 
-/// Returns the fastest movement of a coefficient between outputs that are so far apart, in units per second.
+/// Returns the fastest movement of a coefficient between outputs that are `step_us` apart, in units per second.
 fn fastest(outputs: &[Output], step_us: u64) -> f32 {
     let moved = |pair: &[Output]| (pair[0].pose.coefficients[0] - pair[1].pose.coefficients[0]).abs();
     outputs.windows(2).map(moved).fold(0.0, f32::max) / (step_us as f32 * 1e-6)

@@ -224,11 +224,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn constant_work_takes_about_as_long_as_requested_or_longer() {
+    fn constant_work_takes_at_least_a_tenth_of_the_requested_time() {
         let length = Duration::from_millis(5);
         let passes = constant_work(length, 10);
         assert_eq!(passes.len(), 10);
-        // A busy machine only makes passes longer, or slows even the fastest loop of the calibration, but not tenfold.
+        // On a busy machine, the loop may seem slower than it is when its speed is measured, but not ten times slower.
         assert!(passes.iter().all(|pass| *pass > length / 10), "{passes:?}");
     }
 }

@@ -346,7 +346,9 @@ fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
     counters.set_panels(links.panels());
     links.send_last(&test_output(State::Live));
     let (packets, panels) = (&counters.traffic.packets, links.panels());
-    eventually("two packets, and a trouble of the servos", || packets.load(Relaxed) == 2 && panels[1].trouble().is_some());
+    eventually("two packets, and a trouble of the servos", || {
+        packets.load(Relaxed) == 2 && panels[1].trouble().is_some()
+    });
     let Some(Reply::Status(status)) = rig.ask(Request::Status {}).next() else { panic!("no state") };
     let [udp, servos] = &*status.links else { panic!("{status:?}") };
     let counted = (udp.kind.as_str(), udp.sent, udp.trouble.as_deref(), udp.channels.len());

@@ -11,6 +11,7 @@ use half::{f16, slice::HalfFloatSliceExt};
 use rayon::prelude::*;
 
 use crate::arrays::Arrays;
+use crate::synth::run::provenance;
 
 /// One in this many subjects is held out: the fit never sees their pictures.
 pub const HOLD_OUT_EVERY: usize = 8;
@@ -56,8 +57,9 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     load_all(&[path])
 }
 
-/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person,
-/// because `synth` draws the same people for sets of the same seed.
+/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person, because
+/// sets of the same seed show the same people. People of datasets that `synth` did not make are others than these, and
+/// come first.
 pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     let (mut samples, mut numbers) = (Vec::new(), Vec::new());
     for path in paths {
@@ -69,7 +71,8 @@ pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
-fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
+/// Appends the pictures of a dataset, and returns for each whether `synth` made it, and the number of its subject.
+fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(bool, i32)>> {
     let columns = columns(&path.with_file_name("names.json"))?;
     let mut arrays = Arrays::open(path)?;
     let landmarks = arrays.floats("landmarks", &LANDMARK_SHAPE)?;
@@ -94,7 +97,8 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
         neutral: meta[META - 1] > 0.5,
         mirrored: false,
     }));
-    Ok(subjects)
+    let is_rendered = provenance(path).exists();
+    Ok(subjects.into_iter().map(|subject| (is_rendered, subject)).collect())
 }
 
 /// How the faces look: for each picture a row with the feature map at some landmarks, and the pictures of both eyes.
@@ -171,8 +175,8 @@ fn columns(path: &Path) -> Result<[usize; COEFFS]> {
     Ok(columns)
 }
 
-fn ranks(numbers: &[i32]) -> Vec<usize> {
-    let distinct: Vec<i32> = numbers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
+fn ranks(numbers: &[(bool, i32)]) -> Vec<usize> {
+    let distinct: Vec<(bool, i32)> = numbers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
     numbers.iter().map(|number| distinct.partition_point(|other| other < number)).collect()
 }
 
@@ -237,8 +241,8 @@ pub mod tests {
     }
 
     #[test]
-    fn pictures_of_several_datasets_follow_one_another_and_subjects_of_the_same_number_are_one() {
-        let folders = [tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder")];
+    fn pictures_of_datasets_follow_one_another_and_subjects_of_the_same_number_are_one_if_synth_made_both_or_neither() {
+        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
         let write = |index: usize, subjects: &[i32]| {
             written(folders[index].path(), [subjects.len() as u64; 4], subjects, &BLENDSHAPES).expect("written")
         };
@@ -246,6 +250,14 @@ pub mod tests {
         assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [2, 0, 3, 2, 1]);
         assert_eq!(samples.iter().map(|sample| sample.picture).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
         assert_eq!(samples[0].truth, samples[2].truth);
+        let rendered = write(2, &[7, 6]);
+        std::fs::write(provenance(&rendered), "synth").expect("written");
+        let samples = load_all(&[rendered, write(0, &[7, 5])]).expect("datasets");
+        assert_eq!(
+            samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(),
+            [3, 2, 1, 0],
+            "others made by synth"
+        );
     }
 
     #[test]

@@ -44,10 +44,11 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fit the model, score it on held-out subjects, and write it. If the dataset has `features`, the model also reads them
+    /// Fit the model, score it on held-out subjects, and write it. If all datasets have `features`, the model also reads them
     Train {
-        /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same
-        /// number in several datasets count as one person, because sets of the same seed show the same people
+        /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same number in several
+        /// datasets of `synth` count as one person, because sets of the same seed show the same people. A dataset that is named
+        /// several times counts several times
         #[arg(required = true)]
         datasets: Vec<PathBuf>,
         /// The model file to write

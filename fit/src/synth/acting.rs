@@ -1,10 +1,11 @@
 //! Random expressions: faces of recordings and faces composed of them, speech, grimaces, few shapes, and rest.
 
+use std::array;
 use std::ops::{Range, RangeInclusive};
 use std::sync::LazyLock;
 
 use clap::ValueEnum;
-use facewire_face::COEFFS;
+use facewire_face::{BLENDSHAPES, COEFFS};
 use rand::RngExt;
 use rand::seq::{IndexedRandom, IteratorRandom};
 use rand_chacha::ChaCha8Rng;
@@ -47,6 +48,8 @@ pub enum Kind {
     Combined,
     /// A face, calm or not, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
     Gaze,
+    /// A face that puts out its tongue, or has the same mouth without it, in all ways in which mouths are open
+    Tongue,
     /// No expression, to teach what turning the head alone looks like
     Rest,
 }
@@ -83,6 +86,7 @@ impl Expressions {
             Kind::Combined => combined(rng),
             Kind::Gaze => self.moments.looking(rng),
             Kind::Halves => self.moments.halves(rng),
+            Kind::Tongue => self.moments.with_tongue(rng),
             Kind::Rest => [0.0; COEFFS],
         };
         constrain(rng, &mut face);
@@ -230,6 +234,27 @@ impl Moments {
         scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
     }
 
+    /// Returns a face whose open mouth lets the tongue out, far or not at all.
+    fn with_tongue(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let upper = self.source(rng);
+        let mut face = scaled(rng, upper, SCALE);
+        let mouth = self::face(TONGUE_MOUTHS[rng.random_range(0..TONGUE_MOUTHS.len())]);
+        let mouth = scaled(rng, mouth, ARTICULATION);
+        let trace = rng.random_range(0.0..0.3);
+        let other = self.either_side(rng).map(|value| trace * value);
+        Region::Mouth.copy(&array::from_fn(|index| mouth[index] + other[index]), &mut face);
+        let is_hindrance =
+            |name: &str| ["mouthClose", "mouthPress", "mouthRoll"].iter().any(|stem| name.starts_with(stem));
+        for (value, _) in face.iter_mut().zip(BLENDSHAPES).filter(|(_, name)| is_hindrance(name)) {
+            *value *= 0.3;
+        }
+        face[index_of("mouthClose")] = 0.0;
+        let jaw = &mut face[index_of("jawOpen")];
+        *jaw = jaw.clamp(0.15, 0.9);
+        face[index_of("tongueOut")] = if rng.random_bool(0.6) { rng.random() } else { 0.0 };
+        face
+    }
+
     /// Returns the indices of two frames that are at least [`APART`] frames apart, if there are so many.
     fn apart(&self, rng: &mut ChaCha8Rng) -> [usize; 2] {
         let count = self.frames.len();
@@ -316,6 +341,23 @@ const VISEMES: [Viseme; 13] = [
     &[("jawOpen", 0.12), ("mouthPucker", 0.75), ("mouthFunnel", 0.3), ("mouthShrugLower", 0.15)],
 ];
 
+/// Mouths that put out a tongue: wide open, as in recordings; half open; nearly closed; round; and with a smile.
+const TONGUE_MOUTHS: [Viseme; 5] = [
+    &[
+        ("jawOpen", 0.65),
+        ("mouthStretch", 0.5),
+        ("mouthLowerDown", 0.43),
+        ("mouthShrugUpper", 0.37),
+        ("mouthUpperUp", 0.2),
+        ("mouthFunnel", 0.2),
+        ("mouthSmile", 0.15),
+    ],
+    &[("jawOpen", 0.4), ("mouthLowerDown", 0.3), ("mouthStretch", 0.2), ("mouthUpperUp", 0.1)],
+    &[("jawOpen", 0.2), ("mouthLowerDown", 0.15), ("mouthShrugUpper", 0.15)],
+    &[("jawOpen", 0.25), ("mouthFunnel", 0.35), ("mouthPucker", 0.35), ("mouthLowerDown", 0.15)],
+    &[("jawOpen", 0.25), ("mouthSmile", 0.5), ("mouthUpperUp", 0.2), ("mouthLowerDown", 0.2)],
+];
+
 static FACES: LazyLock<[Coefficients; VISEMES.len()]> = LazyLock::new(|| VISEMES.map(face));
 
 fn face(viseme: Viseme) -> Coefficients {
@@ -338,7 +380,6 @@ pub fn spoken(rng: &mut ChaCha8Rng) -> Coefficients {
 
 #[cfg(test)]
 mod tests {
-    use facewire_face::BLENDSHAPES;
     use rand_chacha::rand_core::SeedableRng;
 
     use super::*;

@@ -14,6 +14,8 @@ use crate::design::index_of;
 const ACTIVE: f32 = 0.3;
 /// Largest convergence of the eyes, as a share of `eyeLookIn`. Recorded eyes converge by 0.05.
 pub const CONVERGENCE: f32 = 0.12;
+/// How far the lips are open, as `jawOpen` less `mouthClose`, to let the whole tongue pass.
+const LIPS_FOR_TONGUE: f32 = 0.15;
 /// Pairs of shapes that are not active together on a real face.
 const EXCLUSIVE: [(&str, &str); 10] = [
     ("eyeBlinkLeft", "eyeWideLeft"),
@@ -36,7 +38,7 @@ static EXCLUSIVE_INDICES: LazyLock<[[usize; 2]; EXCLUSIVE.len()]> =
 static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
 static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
 static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
-static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
+pub static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Region {
@@ -147,11 +149,12 @@ pub fn constrain(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
 }
 
 /// Enforces the limits of every expression: both eyes look in the same direction, lips close no further than the jaw
-/// is open, and the tongue is not shown.
+/// is open, and no tongue passes shut lips.
 pub fn enforce_limits(face: &mut Coefficients) {
     Gaze::of(face).set(face);
     face[*MOUTH_CLOSE] = face[*MOUTH_CLOSE].min(face[*JAW_OPEN]);
-    face[*TONGUE_OUT] = 0.0;
+    let lips_open = face[*JAW_OPEN] - face[*MOUTH_CLOSE];
+    face[*TONGUE_OUT] = face[*TONGUE_OUT].min(lips_open / LIPS_FOR_TONGUE);
 }
 
 #[cfg(test)]

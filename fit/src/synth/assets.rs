@@ -12,6 +12,7 @@ use super::expression::{Coefficients, Deformer};
 use super::rig::{Rig, SimpleMesh, Triangle, normals, smoothstep, vertices_of};
 use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
+use super::tongue::below_tongue;
 use crate::design::{find, index_of};
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
@@ -44,6 +45,7 @@ pub struct Assets {
     pub wrinkles: Wrinkles,
     pub caster: SimpleMesh,
     pub mouth: Vec<u32>,
+    pub below_tongue: Vec<u32>,
 }
 
 /// Indices of the skins, brows and eyes to draw from, at least one of each.
@@ -75,6 +77,7 @@ impl Assets {
             ball_offsets: ball_offsets(&rig),
             is_skin: is_skin(&rig),
             mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),
+            below_tongue: below_tongue(&rig),
             wrinkles: Wrinkles::new(&rig),
             caster: SimpleMesh::new(&rig.neutral, &rig.parts.skin, CASTER_CELL),
             surface,

@@ -31,5 +31,6 @@ mod scene;
 mod script;
 mod shade;
 mod textures;
+mod tongue;
 mod variety;
 mod worker;

@@ -18,6 +18,27 @@ pub struct Prop {
     pub colours: Vec<Vec3>,
     pub triangles: Vec<Triangle>,
     pub lens: Option<Lens>,
+    /// The light in the mouth, for a moist tongue that lies in it.
+    pub wet: Option<MouthLight>,
+}
+
+/// The light behind the lips of an open mouth.
+#[derive(Debug, Clone, Copy)]
+pub struct MouthLight {
+    front: f32,
+    gap: f32,
+}
+
+impl MouthLight {
+    pub fn of(upper_lip: Vec3, lower_lip: Vec3) -> Self {
+        Self { front: f32::midpoint(upper_lip.z, lower_lip.z), gap: (upper_lip - lower_lip).length() }
+    }
+
+    /// Returns the share of the light at a depth. The less the lips are open, the faster the light falls off.
+    pub fn at(self, z: f32) -> f32 {
+        let reach = 1.2 + 0.6 * self.gap;
+        (0.3 + 0.6 * self.gap).min(1.0) * (-(self.front - z - 0.3).max(0.0) / reach).exp()
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -39,7 +60,7 @@ impl Lens {
 
 impl Prop {
     pub fn new(lens: Option<Lens>) -> Self {
-        Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens }
+        Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens, wet: None }
     }
 
     pub fn vertex(&mut self, point: Vec3, colour: Vec3) -> u32 {
@@ -64,8 +85,13 @@ impl Prop {
                 self.vertex(centre + axes * unit, colour(unit));
             }
         }
-        let at = |ring: u16, step: u16| first + u32::from(ring * AROUND + step % AROUND);
-        for (ring, step) in (0..ALONG).flat_map(|ring| (0..AROUND).map(move |step| (ring, step))) {
+        self.tube(first, ALONG, AROUND);
+    }
+
+    /// Joins rings of `around` vertices each, from the vertex `first` on, by triangles that are visible from outside.
+    pub fn tube(&mut self, first: u32, along: u16, around: u16) {
+        let at = |ring: u16, step: u16| first + u32::from(ring * around + step % around);
+        for (ring, step) in (0..along).flat_map(|ring| (0..around).map(move |step| (ring, step))) {
             let [a, b, c, d] = [at(ring, step), at(ring, step + 1), at(ring + 1, step + 1), at(ring + 1, step)];
             self.triangles.extend([[a, b, c], [a, c, d]]);
         }

@@ -3,14 +3,16 @@
 
 use glam::{Vec2, Vec3, Vec3A};
 
+use super::anatomy::TONGUE_OUT;
 use super::assets::{Assets, BOUNDS};
 use super::canvas::{Barycentric, Canvas, Corners, Position, draw};
 use super::paint::{GUMS, LASHES, Painter, TEETH};
 use super::person::Person;
-use super::props::{Lens, Prop};
+use super::props::{Lens, MouthLight, Prop};
 use super::rig::{normals_into, smoothstep};
 use super::scene::{FACE_CM, PIVOT, Scene};
 use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
+use super::tongue::light_beside;
 use crate::design::index_of;
 
 const SHADOW_SIDE: usize = 200;
@@ -28,6 +30,8 @@ const SHUT_EYE_CM: f32 = 0.4;
 const SAMPLES_PER_FACE: f32 = 150.0;
 /// Exponent and strength of the lamps' reflections on a lens.
 const GLINT: (i32, f32) = (900, 3.0);
+/// Factor on the gloss of a moist surface.
+const WET: f32 = 2.5;
 /// Largest share of a lens's colour that its reflections replace.
 const MOST_GLARE: f32 = 0.9;
 
@@ -63,8 +67,13 @@ impl Renderer {
     pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [[f32; 3]]) {
         self.canvas.clear(self.density(scene));
         self.head.pose(assets, person, scene, self.canvas.density);
+        let out = scene.weights[*TONGUE_OUT];
+        let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.head.shape, out);
         self.light(assets, person.looks.wrinkles, scene);
         self.head.darken_mouth(assets);
+        if let Some(tongue) = &tongue {
+            self.head.darken_below(assets, tongue);
+        }
         let (canvas, head) = (&mut self.canvas, &self.head);
         let painter = Painter::new(assets, person, (&head.points, &head.normals, &head.lit), &scene.lighting);
         let parts = &assets.rig.parts;
@@ -100,7 +109,7 @@ impl Renderer {
         draw(canvas, &head.screen, (&parts.lashes, &whole), 1.0, |_, _| {
             |canvas: &mut Canvas, index, _, _| canvas.blend(index, person.looks.lashes, LASHES)
         });
-        for prop in &scene.props {
+        for prop in tongue.iter().chain(scene.props.iter().map(AsRef::as_ref)) {
             self.props.draw(canvas, prop, scene, &self.shadow);
         }
         self.canvas.resolve(pixels);
@@ -150,16 +159,19 @@ impl Head {
         self.screen.extend(self.points.iter().map(|point| on_screen(scene, density, *point)));
     }
 
-    /// Darkens the mouth behind the lips. The less the lips are open, the faster the light falls off.
+    fn darken_below(&mut self, assets: &Assets, tongue: &Prop) {
+        for vertex in &assets.below_tongue {
+            let vertex = *vertex as usize;
+            self.lit[vertex].diffuse *= light_beside(tongue, self.shape[vertex]);
+        }
+    }
+
     fn darken_mouth(&mut self, assets: &Assets) {
         let [upper, lower] = [62, 66].map(|index| self.shape[assets.rig.landmarks[index]]);
-        let front = f32::midpoint(upper.z, lower.z);
-        let gap = (upper - lower).length();
-        let open = (0.3 + 0.6 * gap).min(1.0);
-        let reach = 1.2 + 0.6 * gap;
+        let light = MouthLight::of(upper, lower);
         for vertex in &assets.mouth {
             let vertex = *vertex as usize;
-            let share = open * (-(front - self.shape[vertex].z - 0.3).max(0.0) / reach).exp();
+            let share = light.at(self.shape[vertex].z);
             self.lit[vertex].diffuse *= share;
             self.lit[vertex].gloss *= share;
         }
@@ -210,6 +222,13 @@ impl PropLayer {
         });
         self.lit.clear();
         self.lit.extend(lit);
+        if let Some(light) = prop.wet {
+            for (lit, point) in self.lit.iter_mut().zip(&prop.points) {
+                let share = light.at(point.z);
+                lit.diffuse *= share;
+                lit.gloss *= share * WET;
+            }
+        }
         let window = canvas.grid.whole();
         draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
             let colour = |vertex: usize| Vec3A::from(prop.colours[vertex]) * self.lit[vertex].diffuse;

@@ -15,7 +15,7 @@ use super::sample::Distribution;
 use super::worker::{ROW, Times, Worker};
 
 /// Increases when the same settings give other pictures.
-const EDITION: u32 = 10;
+const EDITION: u32 = 11;
 
 #[derive(Debug, Args)]
 pub struct Options {

@@ -18,6 +18,7 @@ use super::props::{Prop, random_occluder};
 use super::rig::normal;
 use super::scene::{Backdrop, FACE_CM, Lens, Placement, Scene, random_effects, random_lighting};
 use super::shade::Lighting;
+use super::tongue::Tongue;
 use super::variety::{Condition, Conditions, Factor, Without};
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
@@ -27,9 +28,12 @@ const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
 /// The same for the subject's neutral picture.
 const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
 
-/// The part of a subject's random numbers from which its conditions are drawn, and the bit of the streams for occluders.
+/// Parts of a subject's random numbers from which its conditions and its tongue are drawn.
 const CONDITIONS: u64 = u16::MAX as u64;
+const TONGUE: u64 = CONDITIONS - 1;
+/// Bits of the streams from which a picture's occluders, and the direction of its tongue, are drawn.
 const OCCLUDERS: u64 = 1 << 63;
+const DIRECTIONS: u64 = 1 << 62;
 
 pub struct Variety {
     pub textures: TextureChoice,
@@ -55,6 +59,7 @@ pub struct Subject {
     conditions: Conditions,
     worn: Vec<Arc<Prop>>,
     skin: Vec3,
+    tongue: Tongue,
     number: u64,
     pub rng: ChaCha8Rng,
 }
@@ -83,6 +88,9 @@ impl Subject {
         let mut conditions_rng = rng.clone();
         conditions_rng.set_stream(stream(number, CONDITIONS));
         let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
+        let mut tongue_rng = rng.clone();
+        tongue_rng.set_stream(stream(number, TONGUE));
+        tongue_rng.set_word_pos(0);
         without.simplify_person(&mut identity, &mut looks);
         without.simplify_size(&mut share, &mut distance);
         without.simplify_lighting(&mut lighting);
@@ -101,6 +109,7 @@ impl Subject {
         Self {
             worn: glasses.into_iter().flatten().collect(),
             skin: Vec3::new(green.powf(0.6), green, 0.75 * green) * person.looks.tint,
+            tongue: Tongue::random(&mut tongue_rng),
             conditions,
             lens,
             person,
@@ -136,8 +145,9 @@ impl Subject {
         without.simplify_effects(&mut effects);
         self.conditions.apply_to_effects(&mut effects);
         let props = if neutral { self.worn.clone() } else { self.props(self.rng.clone()) };
+        let (tongue, lighting) = (self.aimed_tongue(self.rng.clone()), self.lighting.clone());
         let placement = Placement { angles_deg, position };
-        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props };
+        let scene = Scene { weights, placement, lighting, lens: self.lens, props, tongue };
         PictureSpec { scene, effects, neutral }
     }
 
@@ -152,13 +162,18 @@ impl Subject {
         props
     }
 
+    fn aimed_tongue(&self, mut rng: ChaCha8Rng) -> Tongue {
+        rng.set_stream(rng.get_stream() | DIRECTIONS);
+        self.tongue.aimed(&mut rng)
+    }
+
     /// Returns a picture with a given expression and pose. `offset` is from the middle of the picture in centimetres.
     pub fn pose(&self, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> PictureSpec {
         let placement = Placement { angles_deg, position: offset - Vec3::new(0.0, 0.5, self.distance) };
         let mut rng = self.rng.clone();
         rng.set_word_pos(0);
-        let (lighting, props) = (self.lighting.clone(), self.props(rng));
-        let scene = Scene { weights, placement, lighting, lens: self.lens, props };
+        let (lighting, props, tongue) = (self.lighting.clone(), self.props(rng.clone()), self.aimed_tongue(rng));
+        let scene = Scene { weights, placement, lighting, lens: self.lens, props, tongue };
         let mut effects = self.effects.clone();
         self.conditions.apply_to_effects(&mut effects);
         PictureSpec { scene, effects, neutral: false }

@@ -16,6 +16,7 @@ use super::expression::{Coefficients, head_rotation};
 use super::props::Prop;
 use super::rig::{normal, smoothstep};
 use super::shade::{Light, Lighting};
+use super::tongue::Tongue;
 
 pub const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
 /// Width of a face seen from the front in centimetres.
@@ -44,6 +45,7 @@ pub struct Scene {
     pub lighting: Lighting,
     pub lens: Lens,
     pub props: Vec<Arc<Prop>>,
+    pub tongue: Tongue,
 }
 
 impl Scene {

@@ -16,8 +16,7 @@ const RINGS: u16 = 36;
 const AROUND: u16 = 40;
 /// Length of the tongue behind the lower lip in centimetres. No picture shows its end.
 const INSIDE: f32 = 3.5;
-/// How far the tip is before the lower lip at coefficients of 0 and [`AT_LIP`], in centimetres.
-const RETRACTED: f32 = -2.0;
+/// A coefficient, and how far the tip is then before the lower lip in centimetres. At 0, there is no tongue.
 const AT_LIP: (f32, f32) = (0.3, 0.7);
 /// Lips with a smaller gap let no tongue pass, in centimetres.
 const SHUT: f32 = 0.08;
@@ -79,7 +78,7 @@ impl Tongue {
         let half_height = self.half_height.min(0.2 + 0.3 * gap);
         // The lower lip rises towards its corners, and the tongue with it.
         let rise = (f32::midpoint(right.y, left.y) - lower.y).max(0.0) * (2.0 * half_width / mouth).powi(2);
-        let reach = piecewise(&[(0.0, RETRACTED), AT_LIP, (1.0, self.length)], out);
+        let reach = piecewise(&[(0.0, -INSIDE), AT_LIP, (1.0, self.length)], out);
         let mut prop = Prop::new(None);
         prop.wet = Some(MouthLight::of(upper, lower));
         let mut bumps = ChaCha8Rng::seed_from_u64(self.bumps);

@@ -283,12 +283,4 @@ pub mod tests {
         assert!(refusal(&[&BLENDSHAPES[..], &["noseUp"]].concat()).contains("names.json has 53 names"));
         assert!(refusal(&twice).contains("names.json lacks tongueOut"));
     }
-
-    #[test]
-    fn fewer_than_eight_subjects_are_refused_because_nobody_could_be_held_out() {
-        let samples = |count: u8| loaded([count.into(); 4], &(0..count.into()).collect::<Vec<_>>(), &BLENDSHAPES);
-        assert_eq!(held_out(&samples(8).expect("a dataset")).expect("one"), [7]);
-        let refusal = held_out(&samples(7).expect("a dataset")).expect_err("nobody").to_string();
-        assert!(refusal.contains("7 subjects are too few") && refusal.contains("--all-subjects"), "{refusal}");
-    }
 }

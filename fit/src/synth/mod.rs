@@ -4,7 +4,7 @@
 //! ```text
 //! Subject -> PictureSpec -> Head -> samples -> light -> JPEG -> Landmarks -> archive
 //! sample     sample         render  canvas     canvas   camera  worker       archive
-//!            acting, anatomy, script        expression, scene, shade, paint
+//!            acting, anatomy, script        expression, tongue, scene, shade, paint
 //! ```
 //!
 //! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows

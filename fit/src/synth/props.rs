@@ -18,27 +18,15 @@ pub struct Prop {
     pub colours: Vec<Vec3>,
     pub triangles: Vec<Triangle>,
     pub lens: Option<Lens>,
-    /// The light in the mouth, for a moist tongue that lies in it.
-    pub wet: Option<MouthLight>,
+    /// Upper and lower lip in the middle, between which it lies and is moist.
+    pub lips: Option<[Vec3; 2]>,
 }
 
-/// The light behind the lips of an open mouth.
-#[derive(Debug, Clone, Copy)]
-pub struct MouthLight {
-    front: f32,
-    gap: f32,
-}
-
-impl MouthLight {
-    pub fn of(upper_lip: Vec3, lower_lip: Vec3) -> Self {
-        Self { front: f32::midpoint(upper_lip.z, lower_lip.z), gap: (upper_lip - lower_lip).length() }
-    }
-
-    /// Returns the share of the light at a depth. The less the lips are open, the faster the light falls off.
-    pub fn at(self, z: f32) -> f32 {
-        let reach = 1.2 + 0.6 * self.gap;
-        (0.3 + 0.6 * self.gap).min(1.0) * (-(self.front - z - 0.3).max(0.0) / reach).exp()
-    }
+/// Returns the share of the light at a depth behind the lips. The less they are open, the faster the light falls off.
+pub fn light_in_mouth([upper, lower]: [Vec3; 2], z: f32) -> f32 {
+    let gap = (upper - lower).length();
+    let behind = f32::midpoint(upper.z, lower.z) - z - 0.3;
+    (0.3 + 0.6 * gap).min(1.0) * (-behind.max(0.0) / (1.2 + 0.6 * gap)).exp()
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -60,7 +48,7 @@ impl Lens {
 
 impl Prop {
     pub fn new(lens: Option<Lens>) -> Self {
-        Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens, wet: None }
+        Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens, lips: None }
     }
 
     pub fn vertex(&mut self, point: Vec3, colour: Vec3) -> u32 {

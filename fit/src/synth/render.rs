@@ -8,7 +8,7 @@ use super::assets::{Assets, BOUNDS};
 use super::canvas::{Barycentric, Canvas, Corners, Position, draw};
 use super::paint::{GUMS, LASHES, Painter, TEETH};
 use super::person::Person;
-use super::props::{Lens, MouthLight, Prop};
+use super::props::{Lens, Prop, light_in_mouth};
 use super::rig::{normals_into, smoothstep};
 use super::scene::{FACE_CM, PIVOT, Scene};
 use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
@@ -71,8 +71,9 @@ impl Renderer {
         let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.head.shape, out);
         self.light(assets, person.looks.wrinkles, scene);
         self.head.darken_mouth(assets);
-        if let Some(tongue) = &tongue {
-            self.head.darken_below(assets, tongue);
+        for vertex in assets.below_tongue.iter().map(|vertex| *vertex as usize) {
+            let share = tongue.as_ref().map_or(1.0, |tongue| light_beside(tongue, self.head.shape[vertex]));
+            self.head.lit[vertex].diffuse *= share;
         }
         let (canvas, head) = (&mut self.canvas, &self.head);
         let painter = Painter::new(assets, person, (&head.points, &head.normals, &head.lit), &scene.lighting);
@@ -159,19 +160,11 @@ impl Head {
         self.screen.extend(self.points.iter().map(|point| on_screen(scene, density, *point)));
     }
 
-    fn darken_below(&mut self, assets: &Assets, tongue: &Prop) {
-        for vertex in &assets.below_tongue {
-            let vertex = *vertex as usize;
-            self.lit[vertex].diffuse *= light_beside(tongue, self.shape[vertex]);
-        }
-    }
-
     fn darken_mouth(&mut self, assets: &Assets) {
-        let [upper, lower] = [62, 66].map(|index| self.shape[assets.rig.landmarks[index]]);
-        let light = MouthLight::of(upper, lower);
+        let lips = [62, 66].map(|index| self.shape[assets.rig.landmarks[index]]);
         for vertex in &assets.mouth {
             let vertex = *vertex as usize;
-            let share = light.at(self.shape[vertex].z);
+            let share = light_in_mouth(lips, self.shape[vertex].z);
             self.lit[vertex].diffuse *= share;
             self.lit[vertex].gloss *= share;
         }
@@ -222,9 +215,9 @@ impl PropLayer {
         });
         self.lit.clear();
         self.lit.extend(lit);
-        if let Some(light) = prop.wet {
+        if let Some(lips) = prop.lips {
             for (lit, point) in self.lit.iter_mut().zip(&prop.points) {
-                let share = light.at(point.z);
+                let share = light_in_mouth(lips, point.z);
                 lit.diffuse *= share;
                 lit.gloss *= share * WET;
             }

@@ -85,12 +85,9 @@ impl Subject {
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
         let mut backdrop = Backdrop::random(rng_ref, size, room);
         let effects = random_effects(rng_ref);
-        let mut conditions_rng = rng.clone();
-        conditions_rng.set_stream(stream(number, CONDITIONS));
+        let mut conditions_rng = beside(&rng, stream(number, CONDITIONS));
         let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
-        let mut tongue_rng = rng.clone();
-        tongue_rng.set_stream(stream(number, TONGUE));
-        tongue_rng.set_word_pos(0);
+        let mut tongue_rng = beside(&ChaCha8Rng::seed_from_u64(seed), stream(number, TONGUE));
         without.simplify_person(&mut identity, &mut looks);
         without.simplify_size(&mut share, &mut distance);
         without.simplify_lighting(&mut lighting);
@@ -144,27 +141,23 @@ impl Subject {
         without.simplify_pose(&mut angles_deg, &mut position, self.distance);
         without.simplify_effects(&mut effects);
         self.conditions.apply_to_effects(&mut effects);
-        let props = if neutral { self.worn.clone() } else { self.props(self.rng.clone()) };
-        let (tongue, lighting) = (self.aimed_tongue(self.rng.clone()), self.lighting.clone());
+        let (props, tongue) = self.props(&self.rng);
+        let props = if neutral { self.worn.clone() } else { props };
         let placement = Placement { angles_deg, position };
-        let scene = Scene { weights, placement, lighting, lens: self.lens, props, tongue };
+        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props, tongue };
         PictureSpec { scene, effects, neutral }
     }
 
-    /// Returns what is on and before the face, drawn from a stream beside that of `rng`.
-    fn props(&self, mut rng: ChaCha8Rng) -> Vec<Arc<Prop>> {
-        rng.set_stream(rng.get_stream() | OCCLUDERS);
+    /// Returns what is on and before the face, and where the tongue points to, drawn from streams beside that of `rng`.
+    fn props(&self, rng: &ChaCha8Rng) -> (Vec<Arc<Prop>>, Tongue) {
+        let tongue = self.tongue.aimed(&mut beside(rng, rng.get_stream() | DIRECTIONS));
+        let mut rng = beside(rng, rng.get_stream() | OCCLUDERS);
         let mut props = self.worn.clone();
         if rng.random_bool(self.conditions.occluded) {
             let hair = self.person.looks.hair.map_or(Vec3::splat(0.03), |(colour, _)| colour);
             props.insert(0, Arc::new(random_occluder(&mut rng, self.skin, hair)));
         }
-        props
-    }
-
-    fn aimed_tongue(&self, mut rng: ChaCha8Rng) -> Tongue {
-        rng.set_stream(rng.get_stream() | DIRECTIONS);
-        self.tongue.aimed(&mut rng)
+        (props, tongue)
     }
 
     /// Returns a picture with a given expression and pose. `offset` is from the middle of the picture in centimetres.
@@ -172,12 +165,19 @@ impl Subject {
         let placement = Placement { angles_deg, position: offset - Vec3::new(0.0, 0.5, self.distance) };
         let mut rng = self.rng.clone();
         rng.set_word_pos(0);
-        let (lighting, props, tongue) = (self.lighting.clone(), self.props(rng.clone()), self.aimed_tongue(rng));
-        let scene = Scene { weights, placement, lighting, lens: self.lens, props, tongue };
+        let (props, tongue) = self.props(&rng);
+        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props, tongue };
         let mut effects = self.effects.clone();
         self.conditions.apply_to_effects(&mut effects);
         PictureSpec { scene, effects, neutral: false }
     }
+}
+
+/// Returns the generator that has drawn as many numbers of another stream.
+fn beside(rng: &ChaCha8Rng, stream: u64) -> ChaCha8Rng {
+    let mut rng = rng.clone();
+    rng.set_stream(stream);
+    rng
 }
 
 /// Returns the stream of random numbers of a subject (part 0) or of one of its pictures (parts from 1 on).

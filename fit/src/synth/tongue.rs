@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use super::props::{MouthLight, Prop};
+use super::props::Prop;
 use super::rig::{Rig, normal, piecewise, smoothstep, vertices_of};
 
 /// Rings of vertices along the tongue, and vertices of a ring.
@@ -18,8 +18,8 @@ const AROUND: u16 = 40;
 const INSIDE: f32 = 3.5;
 /// A coefficient, and how far the tip is then before the lower lip in centimetres. At 0, there is no tongue.
 const AT_LIP: (f32, f32) = (0.3, 0.7);
-/// Lips with a smaller gap let no tongue pass, in centimetres.
-const SHUT: f32 = 0.08;
+/// Lips with a smaller gap are shut, and let no tongue pass, in centimetres.
+const SHUT: f32 = 0.2;
 /// Largest half width, as a share of the distance of the mouth's corners.
 const MOST_OF_MOUTH: f32 = 0.37;
 
@@ -80,7 +80,7 @@ impl Tongue {
         let rise = (f32::midpoint(right.y, left.y) - lower.y).max(0.0) * (2.0 * half_width / mouth).powi(2);
         let reach = piecewise(&[(0.0, -INSIDE), AT_LIP, (1.0, self.length)], out);
         let mut prop = Prop::new(None);
-        prop.wet = Some(MouthLight::of(upper, lower));
+        prop.lips = Some([upper, lower]);
         let mut bumps = ChaCha8Rng::seed_from_u64(self.bumps);
         let lowered = 0.8 * smoothstep(AT_LIP.0, 0.0, out);
         let mut centre = lower + Vec3::new(0.0, 0.7 * half_height - lowered + 0.1 * INSIDE, -INSIDE);
@@ -113,8 +113,7 @@ impl Tongue {
                 centre += below.iter().map(under).fold(0.0, f32::max).min(0.5) * up;
             }
             for step in 0..AROUND {
-                let angle = f32::from(step) / f32::from(AROUND) * TAU;
-                let unit = Vec2::from_angle(angle);
+                let unit = Vec2::from_angle(f32::from(step) / f32::from(AROUND) * TAU);
                 let x = width * unit.x;
                 let top = unit.y.max(0.0);
                 let middle = (-(x / (0.3 * half_width)).powi(2)).exp() * top * smoothstep(0.2, 1.5, to_tip);
@@ -148,4 +147,31 @@ pub fn below_tongue(rig: &Rig) -> Vec<u32> {
         near && -offset.y > 0.7 * most && solid.binary_search(vertex).is_ok()
     };
     jaw.iter().filter(is_below).map(|(vertex, _)| *vertex).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+    use crate::synth::anatomy::tests::face;
+    use crate::synth::expression::Deformer;
+
+    #[test]
+    fn a_tongue_comes_out_over_the_lower_lip_as_far_as_its_coefficient_says_and_not_between_shut_lips() {
+        let rig = Rig::load(std::path::Path::new(reference::RIG)).expect("a rig");
+        let (deformer, below) = (Deformer::new(&rig).expect("shapes"), below_tongue(&rig));
+        for (seed, open) in (0..20).flat_map(|seed| [0.15, 0.5, 0.9].map(|open| (seed, open))) {
+            let tongue = Tongue { aim: Vec2::new(0.2, 0.9), ..Tongue::random(&mut ChaCha8Rng::seed_from_u64(seed)) };
+            let before_lip = |close: f32, out: f32| {
+                let mut head = Vec::new();
+                deformer.deform(&rig, &rig.neutral, &face(&[("jawOpen", open), ("mouthClose", close)]), &mut head);
+                Some(*tongue.build(&rig, &below, &head, out)?.points.last()? - head[rig.landmarks[66]])
+            };
+            assert!(before_lip(open, 1.0).is_none() && before_lip(0.0, 0.0).is_none());
+            let tips = [0.1, 0.3, 0.6, 1.0].map(|out| before_lip(0.0, out).expect("a tongue"));
+            let ahead = tips.map(|tip| tip.z);
+            assert!(ahead.is_sorted() && ahead[0] < -1.0 && ahead[1] > 0.3, "seed {seed}, jaw {open}: {tips:?}");
+            assert!(ahead[3] > 1.2 && tips[3].y < -0.5, "it hangs down: seed {seed}, jaw {open}: {tips:?}");
+        }
+    }
 }

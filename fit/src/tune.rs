@@ -16,10 +16,10 @@ use maud::{Markup, html};
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use self::measure::{FPS, Frames, Stream, Summary, Sums, summary_of};
+use self::measure::{FPS, Frames, Stream, Sums, summary_of};
 use crate::drawing::{Axis, chart, svg};
 use crate::judge::set::Clip;
-use crate::output::{self, Table, figure, number};
+use crate::output::{self, Table, figures, number};
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -112,7 +112,7 @@ fn smoothing(options: &Options) -> Result<()> {
     let heads = ["part", "setting", "time ms", "noise size", "jitter", "lag ms", "same value ms", "mse"];
     print!("{}", Table::new(heads, rows).text());
     let summary = summary_of(&streams);
-    print!("{summary}");
+    print!("{}", summary.text());
     let body = page(&sections, &summary, streams.len());
     output::write_page(&options.out, "Filters", &[], &PARTS.map(|(_, name, _)| name.to_owned()), &body)
 }
@@ -197,6 +197,8 @@ const MOST_MS: f64 = 160.0;
 fn section(name: &str, trials: &[Trial], best: &Trial, default: &Trial, most_lag_ms: f64) -> Result<Markup> {
     let by_lag = plot(trials, best, most_lag_ms, |trial| trial.sums.lag_ms())?;
     let by_value = plot(trials, best, most_lag_ms, |trial| trial.sums.same_value_ms())?;
+    let limits = "Delay by cross-correlation with the truth. The lines are the limits, the ring is the best setting";
+    let drawn = [(by_lag, limits), (by_value, "Mean time until the same value appears")];
     let row = |what: &str, trial: &Trial| {
         let figures: [(fn(&Sums) -> f64, usize); 3] = [(Sums::jitter, 2), (Sums::lag_ms, 0), (Sums::same_value_ms, 0)];
         row([what.to_owned(), kind_name(trial.kind).to_owned()], trial, figures)
@@ -206,10 +208,7 @@ fn section(name: &str, trials: &[Trial], best: &Trial, default: &Trial, most_lag
         section id=(name) {
             h2 { (name) }
             (Table::new(heads, [row("best", best), row("default", default)]).html())
-            div.figures {
-                (figure(&by_lag, "Delay by cross-correlation with the truth. The lines are the limits, the ring is the best setting", name))
-                (figure(&by_value, "Mean time until the same value appears", name))
-            }
+            (figures(&drawn, name))
         }
     })
 }
@@ -234,12 +233,12 @@ fn plot(trials: &[Trial], best: &Trial, most_lag_ms: f64, delay_ms: impl Fn(&Tri
     })
 }
 
-fn page(sections: &[Markup], summary: &Summary, clips: usize) -> Markup {
+fn page(sections: &[Markup], summary: &Table, clips: usize) -> Markup {
     html! {
         p { (clips) " rendered wearers at 30 frames a second. Jitter is the standard deviation over 2 seconds of a still face with the camera's noise, as a share of that before the filter. A line leads through the times of one kind of filter from 40 to 350 ms; points are other sizes of a small change." }
         p { @for (_, name, ink) in &KINDS { span style=(format!("color: rgb({},{},{})", ink.0, ink.1, ink.2)) { "■ " (name) " " } } }
         h2 { "With the default settings, as sent" }
-        pre { (summary) }
+        (summary.html())
         @for section in sections { (section) }
     }
 }

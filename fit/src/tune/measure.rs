@@ -1,6 +1,5 @@
 //! Jitter and delay of a filter.
 
-use std::fmt;
 use std::iter::Sum;
 use std::ops::Range;
 
@@ -8,7 +7,6 @@ use anyhow::{Context, Result};
 use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model, NeutralMode, Profile};
 
 use super::{PARTS, Part};
-use crate::curves::{LIDS, OPEN, SHUT, shut};
 use crate::judge::set::{Clip, playback};
 use crate::output::Table;
 
@@ -193,113 +191,28 @@ impl Stream {
         let truth = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect();
         members.map(|index| sums(&|(face, _)| face[index].into(), truth(index))).sum()
     }
-
-    /// Returns the frames of a part in which a true lid is shut, as ranges.
-    fn shut(&self, part: &str, lid: usize) -> Vec<Range<usize>> {
-        let frames = self.clip.parts.of(part);
-        let runs = shut(&self.clip.truth.coefficients[frames.clone()], lid).into_iter();
-        runs.map(|run| frames.start + run.start..frames.start + run.end).collect()
-    }
 }
 
-/// Frames after the truth within which a lid must have followed.
-const LATE: usize = 4;
 /// The parts of a clip at rest.
 const LIGHTS: [&str; 3] = ["still-bright", "still-dim", "still-dark"];
 
-pub struct Summary {
-    /// For each part of the face the standard deviation at rest under each light, raw and sent (of the head in degrees),
-    /// and the delay by cross-correlation and until the same value appears.
-    parts: Vec<PartFigures>,
-    /// Number of blinks, how many shut both lids, and after how many both opened again, raw and sent.
-    blinks: [[usize; 3]; 2],
-    /// Mean and greatest value of the open eye while the other one winks, raw and sent.
-    leaks: [[f32; 2]; 2],
-    /// Mean deviation of the gaze in a blink from that 5 frames before it, raw and sent.
-    gaze: [f64; 2],
-}
-
-/// The name of a part of the face, its deviations at rest, and its delays.
-type PartFigures = (&'static str, [[f64; 2]; LIGHTS.len()], [f64; 2]);
-
-pub fn summary_of(streams: &[Stream]) -> Summary {
+/// Returns for each part of the face the deviation at rest under each light, sent and raw (of the head in degrees), and
+/// the delay by cross-correlation and until the same value appears.
+pub fn summary_of(streams: &[Stream]) -> Table {
     let sums = |part: Part, still: &[&str], moving: &[&str]| -> Sums {
         streams.iter().map(|stream| stream.sums(part, &stream.sent, still, moving)).sum()
     };
-    let parts = PARTS.map(|(part, name, _)| {
-        let rest = LIGHTS.map(|light| sums(part, &[light], &[]).deviations());
+    let row = |(part, name, _): (Part, &str, f64)| {
+        let rest = LIGHTS.map(|light| {
+            let [raw, sent] = sums(part, &[light], &[]).deviations();
+            format!("{sent:.4} of {raw:.4} ({:.2})", sent / raw.max(1e-9))
+        });
         let moved = sums(part, &[], &["talk", "judged"]);
-        (name, rest, [moved.lag_ms(), moved.same_value_ms()])
-    });
-    let stages: [fn(&Stream) -> &Frames; 2] = [|stream| &stream.raw, |stream| &stream.sent];
-    Summary {
-        parts: parts.into(),
-        blinks: stages.map(|frames| blinks(streams, frames)),
-        leaks: stages.map(|frames| leaks(streams, frames)),
-        gaze: stages.map(|frames| gaze(streams, frames)),
-    }
-}
-
-fn blinks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> [usize; 3] {
-    let mut counts = [0; 3];
-    for stream in streams {
-        for run in stream.shut("blinks", LIDS[0]) {
-            let both = |range: Range<usize>, is_there: fn(f64) -> bool| {
-                let faces = &frames(stream)[range];
-                LIDS.iter().all(|lid| faces.iter().any(|(face, _)| is_there(face[*lid].into())))
-            };
-            let after = run.end + LATE..(run.end + 10).min(stream.raw.len());
-            let found = [true, both(run.start..run.end + LATE, |lid| lid > SHUT), both(after, |lid| lid < OPEN)];
-            counts.iter_mut().zip(found).for_each(|(count, found)| *count += usize::from(found));
-        }
-    }
-    counts
-}
-
-fn leaks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> [f32; 2] {
-    let mut leaks = Vec::new();
-    for stream in streams {
-        for [winking, open] in [[LIDS[0], LIDS[1]], [LIDS[1], LIDS[0]]] {
-            let winks = stream.shut("winks", winking).into_iter().flatten();
-            leaks.extend(winks.map(|frame| frames(stream)[frame].0[open]));
-        }
-    }
-    [leaks.iter().sum::<f32>() / leaks.len().max(1) as f32, leaks.iter().copied().fold(0.0, f32::max)]
-}
-
-fn gaze(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    let gaze = || (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == Group::Gaze);
-    for stream in streams {
-        for run in stream.shut("blinks", LIDS[0]).into_iter().filter(|run| run.start > 5) {
-            let (before, _) = &frames(stream)[run.start - 5];
-            for (face, _) in &frames(stream)[run] {
-                sum += gaze().map(|index| f64::from((face[index] - before[index]).abs())).sum::<f64>();
-                // There are eight coefficients of gaze.
-                count += 8.0;
-            }
-        }
-    }
-    sum / f64::max(count, 1.0)
-}
-
-impl fmt::Display for Summary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let row = |(part, lights, [lag, same]): &PartFigures| {
-            let rest = lights.map(|[raw, sent]| format!("{sent:.4} of {raw:.4} ({:.2})", sent / raw.max(1e-9)));
-            let lags = [lag, same].map(|ms| format!("{ms:.1}"));
-            [(*part).to_owned()].into_iter().chain(rest).chain(lags).collect::<Vec<_>>()
-        };
-        let heads = ["part", "deviation at rest, bright", "dim", "dark", "lag ms", "same value ms"];
-        f.write_str(&Table::new(heads, self.parts.iter().map(row)).text())?;
-        for (what, [count, shut, opened]) in ["raw", "sent"].into_iter().zip(self.blinks) {
-            let both = format!("{shut} shut both lids above {SHUT}, {opened} opened both below {OPEN}");
-            writeln!(f, "blinks, {what}: {count}; {both}")?;
-        }
-        let [[raw, raw_most], [sent, sent_most]] = self.leaks;
-        writeln!(f, "winks: the other lid is at {sent:.2} (at most {sent_most:.2}), raw {raw:.2} ({raw_most:.2})")?;
-        writeln!(f, "blinks move the gaze by {:.3}, raw {:.3}", self.gaze[1], self.gaze[0])
-    }
+        let lags = [moved.lag_ms(), moved.same_value_ms()].map(|ms| format!("{ms:.1}"));
+        [name.to_owned()].into_iter().chain(rest).chain(lags).collect::<Vec<_>>()
+    };
+    let heads = ["part", "deviation at rest, bright", "dim", "dark", "lag ms", "same value ms"];
+    Table::new(heads, PARTS.map(row))
 }
 
 #[cfg(test)]

@@ -59,7 +59,7 @@ pub fn run(options: &Options) -> Result<()> {
         output::write(path, table(&sampled))?;
     }
     let [recorded, sampled] = [recorded, sampled].map(|faces| Figures::of(&faces));
-    print!("{}", summary(&recorded, &sampled));
+    print!("{}", density_table(&recorded, &sampled).text());
     let body = page(&recorded, &sampled, &mix_text(options.mix.mix(options.set)))?;
     output::write_page(&options.out, "Expressions", &CONTENTS, &[], &body)
 }
@@ -83,7 +83,6 @@ struct Figures {
     /// Share of the expressions by their number of visible coefficients, from 0 on.
     densities: Vec<f64>,
     strong: f64,
-    rest: f64,
     shapes: Vec<Marginal>,
     correlations: Vec<Vec<f64>>,
 }
@@ -107,7 +106,6 @@ impl Figures {
         let row = |a: usize| (0..MODELLED).map(|b| pearson(&columns[a], &columns[b])).collect();
         Self {
             count: faces.len(),
-            rest: densities[0],
             densities,
             strong: mean(faces.iter().map(|face| above(face, STRONG) as f64)),
             shapes: (0..MODELLED).map(|index| Marginal::of(index, &columns)).collect(),
@@ -251,7 +249,7 @@ fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
     let maps = [&recorded.correlations, &sampled.correlations, &difference].map(|values| matrix(values));
     let [recorded_map, sampled_map, difference_map] = maps;
     Ok(html! {
-            p { (recorded.count) " recorded frames and " (sampled.count) " sampled expressions: " (mix) "." }
+            p { "Sampled: " (mix) "." }
             h2 id="density" { "Density" }
             (density_table(recorded, sampled).html())
             div.figures { (figure(&densities(recorded, sampled)?, COLOURS, "Number of visible coefficients")) }
@@ -272,29 +270,16 @@ fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
     })
 }
 
-fn summary(recorded: &Figures, sampled: &Figures) -> String {
-    let line = |name: &str, figures: &Figures| {
-        let [low, middle, high] = [0.05, 0.5, 0.95].map(|share| figures.density_quantile(share));
-        format!(
-            "{name}: {} expressions, on average {:.1} coefficients above 0.1 (5 %: {low}, 50 %: {middle}, 95 %: {high}) and {:.1} above 0.3; {:.1} % at rest\n",
-            figures.count,
-            figures.visible(),
-            figures.strong,
-            100.0 * figures.rest
-        )
-    };
-    line("recorded", recorded) + &line("sampled", sampled)
-}
-
 fn density_table(recorded: &Figures, sampled: &Figures) -> Table {
     let row = |name: &str, of: &dyn Fn(&Figures) -> String| vec![name.to_owned(), of(recorded), of(sampled)];
     let rows = [
+        row("expressions", &|figures| figures.count.to_string()),
         row("coefficients above 0.1, mean", &|figures| format!("{:.1}", figures.visible())),
         row("5th percentile", &|figures| figures.density_quantile(0.05).to_string()),
         row("median", &|figures| figures.density_quantile(0.5).to_string()),
         row("95th percentile", &|figures| figures.density_quantile(0.95).to_string()),
         row("coefficients above 0.3, mean", &|figures| format!("{:.1}", figures.strong)),
-        row("% at rest (none above 0.1)", &|figures| format!("{:.1}", 100.0 * figures.rest)),
+        row("% at rest (none above 0.1)", &|figures| format!("{:.1}", 100.0 * figures.densities[0])),
     ];
     Table::new(["statistic", "recorded", "sampled"], rows)
 }
@@ -354,7 +339,9 @@ mod tests {
     fn figures_have_densities_quantiles_and_the_difference_of_both_sides() {
         let near = |one: f64, other: f64| (one - other).abs() < 1e-6;
         let halves = Figures::of(&[faces(), vec![[0.0; COEFFS]; 11]].concat());
-        assert!(near(halves.rest, 0.5) && halves.density_quantile(0.5) == 0 && halves.density_quantile(1.0) == 4);
+        assert!(
+            near(halves.densities[0], 0.5) && halves.density_quantile(0.5) == 0 && halves.density_quantile(1.0) == 4
+        );
         let visible: usize = faces().iter().map(|face| above(face, VISIBLE)).sum();
         assert!(near(halves.visible(), visible as f64 / 22.0) && near(halves.densities.iter().sum(), 1.0));
         let figures = Figures::of(&faces());

@@ -9,7 +9,7 @@ use super::canvas::{Barycentric, Canvas, Corners, Position, draw};
 use super::paint::{GUMS, LASHES, Painter, TEETH};
 use super::person::Person;
 use super::props::{Lens, Prop, light_in_mouth};
-use super::rig::{normals_into, smoothstep};
+use super::rig::{Triangle, normals_into, smoothstep};
 use super::scene::{FACE_CM, PIVOT, Scene};
 use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
 use super::tongue::light_beside;
@@ -39,18 +39,20 @@ pub struct Renderer {
     least_density: f32,
     canvas: Canvas,
     shadow: DepthMap,
-    head: Head,
-    props: PropLayer,
+    /// The head, before and after it is placed before the camera.
+    shape: Vec<Vec3>,
+    head: Placed,
+    sky: Vec<f32>,
+    prop: Placed,
 }
 
+/// A mesh before the camera, vertex by vertex.
 #[derive(Default)]
-struct Head {
-    shape: Vec<Vec3>,
+struct Placed {
     points: Vec<Vec3>,
     normals: Vec<Vec3>,
     lit: Vec<VertexLight>,
     screen: Vec<(Position, f32)>,
-    sky: Vec<f32>,
 }
 
 impl Renderer {
@@ -59,20 +61,24 @@ impl Renderer {
             least_density,
             canvas: Canvas::new(size),
             shadow: DepthMap::new(SHADOW_SIDE),
-            head: Head::default(),
-            props: PropLayer::default(),
+            shape: Vec::new(),
+            head: Placed::default(),
+            sky: Vec::new(),
+            prop: Placed::default(),
         }
     }
 
     pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [[f32; 3]]) {
         self.canvas.clear(self.density(scene));
-        self.head.pose(assets, person, scene, self.canvas.density);
+        assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
+        let shoulders = assets.shoulder.iter().copied();
+        self.head.place(scene, self.canvas.density, (&self.shape, &assets.surface), shoulders);
         let out = scene.weights[*TONGUE_OUT];
-        let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.head.shape, out);
+        let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.shape, out);
         self.light(assets, person.looks.wrinkles, scene);
-        self.head.darken_mouth(assets);
+        self.darken_mouth(assets);
         for vertex in assets.below_tongue.iter().map(|vertex| *vertex as usize) {
-            let share = tongue.as_ref().map_or(1.0, |tongue| light_beside(tongue, self.head.shape[vertex]));
+            let share = tongue.as_ref().map_or(1.0, |tongue| light_beside(tongue, self.shape[vertex]));
             self.head.lit[vertex].diffuse *= share;
         }
         let (canvas, head) = (&mut self.canvas, &self.head);
@@ -111,7 +117,7 @@ impl Renderer {
             |canvas: &mut Canvas, index, _, _| canvas.blend(index, person.looks.lashes, LASHES)
         });
         for prop in tongue.iter().chain(scene.props.iter().map(AsRef::as_ref)) {
-            self.props.draw(canvas, prop, scene, &self.shadow);
+            self.prop.draw(canvas, prop, scene, &self.shadow);
         }
         self.canvas.resolve(pixels);
     }
@@ -134,11 +140,11 @@ impl Renderer {
             let caster = assets.caster.vertices.iter().map(|vertex| head.points[*vertex as usize]);
             self.shadow.draw(key, bounds, caster, &assets.caster.triangles);
         }
-        assets.occlusion.visibility(&scene.weights, &mut head.sky);
+        assets.occlusion.visibility(&scene.weights, &mut self.sky);
         // The ambient occlusion of the mouth is that of shut lips; `darken_mouth` models the open mouth instead.
-        assets.mouth.iter().for_each(|vertex| head.sky[*vertex as usize] = MOUTH_SKY);
+        assets.mouth.iter().for_each(|vertex| self.sky[*vertex as usize] = MOUTH_SKY);
         head.lit.clear();
-        let vertices = head.points.iter().zip(&head.normals).zip(&head.sky).zip(&assets.is_skin);
+        let vertices = head.points.iter().zip(&head.normals).zip(&self.sky).zip(&assets.is_skin);
         let lit = vertices.map(|(((point, normal), sky), skin)| {
             shade(&scene.lighting, &self.shadow, &Surface { point: *point, normal: *normal, sky: *sky, skin: *skin })
         });
@@ -147,33 +153,16 @@ impl Renderer {
             head.lit[vertex].diffuse *= 1.0 - wrinkles * depth;
         });
     }
-}
-
-impl Head {
-    fn pose(&mut self, assets: &Assets, person: &Person, scene: &Scene, density: Vec2) {
-        assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
-        self.points.clone_from(&self.shape);
-        scene.placement.place(&mut self.points, assets.shoulder.iter().copied());
-        self.normals.resize(self.points.len(), Vec3::ZERO);
-        normals_into(&self.points, &assets.surface, &mut self.normals);
-        self.screen.clear();
-        self.screen.extend(self.points.iter().map(|point| on_screen(scene, density, *point)));
-    }
 
     fn darken_mouth(&mut self, assets: &Assets) {
         let lips = [62, 66].map(|index| self.shape[assets.rig.landmarks[index]]);
         for vertex in &assets.mouth {
             let vertex = *vertex as usize;
             let share = light_in_mouth(lips, self.shape[vertex].z);
-            self.lit[vertex].diffuse *= share;
-            self.lit[vertex].gloss *= share;
+            self.head.lit[vertex].diffuse *= share;
+            self.head.lit[vertex].gloss *= share;
         }
     }
-}
-
-fn on_screen(scene: &Scene, density: Vec2, point: Vec3) -> (Position, f32) {
-    let seen = scene.lens.project(point);
-    seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
 }
 
 /// Returns factors on the inverse depths of the left and the right eyeball, so that no shut lid lets the eye through.
@@ -184,22 +173,29 @@ fn eye_lifts(scene: &Scene) -> [f32; 2] {
     })
 }
 
-#[derive(Default)]
-struct PropLayer {
-    points: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    lit: Vec<VertexLight>,
-    screen: Vec<(Position, f32)>,
-}
-
-impl PropLayer {
-    fn draw(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
-        self.points.clone_from(&prop.points);
-        scene.placement.place(&mut self.points, core::iter::repeat(0.0));
+impl Placed {
+    /// Places a mesh. `shoulder` is the weight of the shoulders' rotation for each point.
+    fn place(
+        &mut self,
+        scene: &Scene,
+        density: Vec2,
+        (points, triangles): (&Vec<Vec3>, &[Triangle]),
+        shoulder: impl IntoIterator<Item = f32>,
+    ) {
+        self.points.clone_from(points);
+        scene.placement.place(&mut self.points, shoulder);
         self.normals.resize(self.points.len(), Vec3::ZERO);
-        normals_into(&self.points, &prop.triangles, &mut self.normals);
+        normals_into(&self.points, triangles, &mut self.normals);
+        let on_screen = |point: &Vec3| {
+            let seen = scene.lens.project(*point);
+            seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
+        };
         self.screen.clear();
-        self.screen.extend(self.points.iter().map(|point| on_screen(scene, canvas.density, *point)));
+        self.screen.extend(self.points.iter().map(on_screen));
+    }
+
+    fn draw(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
+        self.place(scene, canvas.density, (&prop.points, &prop.triangles), core::iter::repeat(0.0));
         match prop.lens {
             Some(lens) => self.draw_lens(canvas, prop, scene, lens),
             None => self.draw_opaque(canvas, prop, scene, shadow),

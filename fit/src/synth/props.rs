@@ -12,7 +12,7 @@ use super::rig::{Rig, Triangle};
 const AROUND: u16 = 18;
 const ALONG: u16 = 12;
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Prop {
     pub points: Vec<Vec3>,
     pub colours: Vec<Vec3>,
@@ -47,10 +47,6 @@ impl Lens {
 }
 
 impl Prop {
-    pub fn new(lens: Option<Lens>) -> Self {
-        Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens, lips: None }
-    }
-
     pub fn vertex(&mut self, point: Vec3, colour: Vec3) -> u32 {
         self.points.push(point);
         self.colours.push(colour);
@@ -126,7 +122,7 @@ impl Glasses {
         let at = |landmark: usize| base[rig.landmarks[landmark]];
         let bridge = at(27);
         let surface = |x: f32, y: f32| Vec3::new(x, y, bridge.z + BEFORE - CURVE * x * x);
-        let (mut frame, mut lenses) = (Prop::new(None), Prop::new(Some(self.lens)));
+        let (mut frame, mut lenses) = (Prop::default(), Prop { lens: Some(self.lens), ..Prop::default() });
         let mut inner_ends = Vec::new();
         for (outer_corner, inner_corner, ear, side) in [(36, 39, 0, -1.0_f32), (45, 42, 16, 1.0)] {
             let eye = (at(outer_corner) + at(inner_corner)) / 2.0;
@@ -179,7 +175,7 @@ impl Glasses {
 }
 
 pub fn random_occluder(rng: &mut ChaCha8Rng, skin: Vec3, hair: Vec3) -> Prop {
-    let mut prop = Prop::new(None);
+    let mut prop = Prop::default();
     match rng.random_range(0..20) {
         0..8 => hand(rng, &mut prop, skin),
         8..12 => microphone(rng, &mut prop),

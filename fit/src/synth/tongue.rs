@@ -79,8 +79,7 @@ impl Tongue {
         // The lower lip rises towards its corners, and the tongue with it.
         let rise = (f32::midpoint(right.y, left.y) - lower.y).max(0.0) * (2.0 * half_width / mouth).powi(2);
         let reach = piecewise(&[(0.0, -INSIDE), AT_LIP, (1.0, self.length)], out);
-        let mut prop = Prop::new(None);
-        prop.lips = Some([upper, lower]);
+        let mut prop = Prop { lips: Some([upper, lower]), ..Prop::default() };
         let mut bumps = ChaCha8Rng::seed_from_u64(self.bumps);
         let lowered = 0.8 * smoothstep(AT_LIP.0, 0.0, out);
         let mut centre = lower + Vec3::new(0.0, 0.7 * half_height - lowered + 0.1 * INSIDE, -INSIDE);

@@ -111,9 +111,9 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
 // ARKit by the factor in `RATIOS`. Weights are divided by this factor, so that a coefficient of 1 means ARKit's
 // motion.
 
-/// Amplitude in the rig divided by the amplitude in ARKit. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes
+/// Amplitude in the rig divided by the amplitude in ARKit, by name without the side. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes
 /// are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
-const RATIOS: [(&str, f32); 30] = [
+const RATIOS: [(&str, f32); 33] = [
     ("browDown", 0.74),
     ("browInnerUp", 0.56),
     ("browOuterUp", 0.74),
@@ -134,25 +134,25 @@ const RATIOS: [(&str, f32); 30] = [
     ("mouthDimple", 0.88),
     ("mouthFrown", 0.88),
     ("mouthFunnel", 0.87),
+    ("mouthLeft", 1.57),
     ("mouthLowerDown", 0.65),
     ("mouthPress", 0.42),
     ("mouthPucker", 1.09),
+    ("mouthRight", 1.57),
     ("mouthRollLower", 1.57),
     ("mouthRollUpper", 1.14),
     ("mouthShrugLower", 1.55),
     ("mouthShrugUpper", 1.32),
     ("mouthSmile", 0.86),
     ("mouthStretch", 0.75),
+    ("mouthUpperUp", 0.94),
     ("noseSneer", 2.14),
 ];
-/// The same for shapes whose name ends with a direction of motion instead of a side of the face.
-const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
 
 fn ratio(name: &str) -> Option<f32> {
     let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
-    let all = || SIDEWAYS.iter().chain(&RATIOS);
-    let of = |wanted: &str| all().find(|(known, _)| *known == wanted).map(|(_, ratio)| *ratio);
-    of(name).or_else(|| of(stem))
+    // A name like `jawLeft` ends with a direction of motion instead of a side.
+    RATIOS.iter().find(|(known, _)| [name, stem].contains(known)).map(|(_, ratio)| *ratio)
 }
 
 #[cfg(test)]

@@ -5,8 +5,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
+use rayon::ThreadPoolBuilder;
 
 use super::archive::{self, Shards};
 use super::assets::Assets;
@@ -134,17 +135,8 @@ impl Job<'_> {
     }
 
     fn run_threads(&self) -> Result<Times> {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = self.options.threads.unwrap_or(cores).max(1);
-        std::thread::scope(|scope| {
-            let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.run_worker())).collect();
-            let mut total = Times::zeros();
-            for thread in running {
-                let Ok(times) = thread.join() else { bail!("a thread panicked") };
-                total += times?;
-            }
-            Ok(total)
-        })
+        let threads = ThreadPoolBuilder::new().num_threads(self.options.threads.unwrap_or(0)).build()?;
+        threads.broadcast(|_| self.run_worker()).into_iter().sum()
     }
 
     fn run_worker(&self) -> Result<Times> {

@@ -13,7 +13,7 @@ use facewire_face::{BLENDSHAPES, COEFFS, Camera, Group, Model, NeutralMode, Prof
 use rayon::prelude::*;
 
 use crate::curves::{FRAME_US, LIDS, OPEN, SHUT, shut};
-use crate::judge::figures::{Judgement, Person, Phase, Row, SolvedFaces};
+use crate::judge::figures::{Judgement, Phase, Row};
 use crate::judge::load_model;
 use crate::judge::set::{Clip, playback};
 use crate::judge::tables::{WITH_INTERVALS, with_intervals};
@@ -51,7 +51,9 @@ pub fn run(options: &Options) -> Result<()> {
     let (mut rows, mut checks) = (Vec::new(), Vec::new());
     for knowledge in Knowledge::ALL {
         let learned = films.par_iter().map(|film| learn(film, &model, knowledge)).collect::<Result<Vec<_>>>()?;
-        let people: Vec<_> = films.par_iter().zip(&learned).map(|(film, solver)| judged(film, solver)).collect();
+        let judged =
+            |(film, learned): (&Clip, &Learned)| film.person(&show(film, learned, JUDGED), film.parts.of(JUDGED), 0);
+        let people = films.par_iter().zip(&learned).map(judged).collect();
         let judgement = Judgement::new(people, options.resamples);
         let cells = with_intervals(&judgement, Row::Blendshapes, Phase::All);
         rows.push([knowledge.name().to_owned()].into_iter().chain(cells).collect::<Vec<_>>());
@@ -160,18 +162,6 @@ fn calibrate(clip: &Clip, model: &Model, at_rest: &str) -> Result<Option<Profile
         guide.update(&observation(model, face, number as u64 * FRAME_US));
     }
     Ok(guide.outcome().and_then(Result::ok).map(|calibration| calibration.profile))
-}
-
-fn judged(clip: &Clip, learned: &Learned) -> Person {
-    let frames = clip.parts.of(JUDGED);
-    let shown = show(clip, learned, JUDGED);
-    let faces = SolvedFaces {
-        estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
-        truths: clip.truth.coefficients[frames.clone()].to_vec(),
-        is_neutral: vec![false; frames.len()],
-        head_yaw_deg: clip.truth.pose_deg[frames].iter().map(|pose| pose[0]).collect(),
-    };
-    Person::new(clip.name.clone(), &faces, true)
 }
 
 /// Returns what is shown in a part. What is learned by watching has been learned in the minute before the judged part.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -10,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use facewire::capture::{AviSource, FrameRate};
 use facewire::config::Settings;
 use facewire::pipeline::{Pipeline, load_tracker, shaping};
-use facewire::playback::{Playback, TrackedFrame, neutral_of};
+use facewire::playback::{Playback, Shown, TrackedFrame, neutral_of};
 use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver, Tracker};
 use rayon::prelude::*;
 
@@ -72,13 +73,8 @@ impl Set {
             Content::Clips(clips, neutral_frames) => {
                 let person = |model: &Model, (clip, neutral): &(Clip, Neutral)| {
                     let mut playback = playback(model, profile(neutral, neutral_known), NeutralMode::Off);
-                    let shown = clip.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
-                    let estimates = shown.collect();
-                    let is_neutral = clip.faces.iter().map(|face| face.number < *neutral_frames).collect();
-                    let head_yaw_deg = clip.truth.pose_deg.iter().map(|pose| pose[0]).collect();
-                    let faces =
-                        SolvedFaces { estimates, truths: clip.truth.coefficients.clone(), is_neutral, head_yaw_deg };
-                    Person::new(clip.name.clone(), &faces, true)
+                    let shown = clip.faces.iter().map(|face| playback.show(face)).collect::<Vec<_>>();
+                    clip.person(&shown, 0..shown.len(), *neutral_frames)
                 };
                 Ok(models.iter().map(|model| clips.par_iter().map(|clip| person(model, clip)).collect()).collect())
             }
@@ -174,6 +170,17 @@ impl Clip {
         truth.fits(&csv, faces.len())?;
         let name = film.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { name, faces, truth, parts })
+    }
+
+    /// Sums up what was shown in some frames. The person's neutral face was taken from the first `neutral_frames`.
+    pub fn person(&self, shown: &[Shown], frames: Range<usize>, neutral_frames: u64) -> Person {
+        let faces = SolvedFaces {
+            estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
+            truths: self.truth.coefficients[frames.clone()].to_vec(),
+            is_neutral: self.faces[frames.clone()].iter().map(|face| face.number < neutral_frames).collect(),
+            head_yaw_deg: self.truth.pose_deg[frames].iter().map(|pose| pose[0]).collect(),
+        };
+        Person::new(self.name.clone(), &faces, true)
     }
 
     pub fn neutral(&self, frames: u64) -> Result<Neutral> {

@@ -79,14 +79,14 @@ pub fn run(args: &FitArgs) -> Result<()> {
     let split = Split::new(&samples, args.options.folds, args.one_subject)?;
     let known = args.choose(&samples, &split, true)?;
     let Some(path) = &args.export else {
-        return args.write_json(&choice::json(&known, &split, &args.budget()));
+        return output::write_json(args.json.as_deref(), &choice::json(&known, &split, &args.budget()));
     };
     let unknown = args.choose(&samples, &split, false)?;
     let file = choice::model_file(&known, &unknown, args.made_by(), split.described())?;
     output::write(path, toml::to_string(&file)?)?;
     println!("model in memory: {} bytes", file.to_model()?.to_bytes().len());
     let [known, unknown] = [known, unknown].map(|choices| choice::json(&choices, &split, &args.budget()));
-    args.write_json(&json!({ "neutral_known": known, "neutral_unknown": unknown }))
+    output::write_json(args.json.as_deref(), &json!({ "neutral_known": known, "neutral_unknown": unknown }))
 }
 
 impl FitArgs {
@@ -122,11 +122,6 @@ impl FitArgs {
             }
         }
         Ok(choices)
-    }
-
-    fn write_json(&self, results: &serde_json::Value) -> Result<()> {
-        let Some(path) = &self.json else { return Ok(()) };
-        output::write(path, serde_json::to_string_pretty(results)?)
     }
 
     fn made_by(&self) -> String {
@@ -199,9 +194,9 @@ impl FitOptions {
         eprintln!();
         // Times are taken one after another while no fit loads the cores, because the choice depends on them.
         let timed = |(blendshape, tried): (usize, Vec<_>)| {
-            (blendshape, tried.into_iter().map(|tried| runner.timed(tried)).collect::<Vec<_>>())
+            Ok((blendshape, tried.into_iter().map(|tried| runner.timed(tried)).collect::<Result<_>>()?))
         };
-        let mut tried: Vec<_> = tried.into_iter().map(timed).collect();
+        let mut tried = tried.into_iter().map(timed).collect::<Result<Vec<(_, Vec<_>)>>>()?;
         if kinds.hidden_layer && !split.one_subject {
             let layer = trial::hidden_layer_trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {

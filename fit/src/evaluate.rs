@@ -84,8 +84,7 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
     let limits = EventLimits { f_min: args.f_min, tolerance_s: args.tolerance_s };
     let scores = all(&aligned, events.as_ref(), limits);
     print!("{}", text(&aligned, &scores));
-    let Some(path) = &args.json else { return Ok(()) };
-    output::write(path, serde_json::to_string_pretty(&json(&aligned, &scores))?)
+    output::write_json(args.json.as_deref(), &json(&aligned, &scores))
 }
 
 fn parse_shift(text: &str) -> Result<Shift, String> {

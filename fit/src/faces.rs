@@ -121,14 +121,20 @@ pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec
     Ok(curves)
 }
 
-/// Times the regression. Returns nanoseconds per face: the mean over pictures `rows` in the fastest of several passes.
+/// Returns the time of the regression for one of pictures `rows`.
 pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64> {
+    let features: Vec<&Features> = rows.iter().map(|row| &faces.features[*row]).collect();
+    fastest_ns(&features, |features| Ok(model.process(features)?))
+}
+
+/// Returns nanoseconds for one of `inputs`: the mean over them in the fastest of several passes.
+pub fn fastest_ns<I, O>(inputs: &[I], compute: impl Fn(&I) -> Result<O>) -> Result<f64> {
     let pass = || -> Result<f64> {
         let start = Instant::now();
-        for row in rows {
-            black_box(model.process(black_box(&faces.features[*row]))?);
+        for input in inputs {
+            black_box(compute(black_box(input))?);
         }
-        Ok(start.elapsed().as_secs_f64() * 1e9 / rows.len() as f64)
+        Ok(start.elapsed().as_secs_f64() * 1e9 / inputs.len() as f64)
     };
     (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
 }

@@ -90,9 +90,7 @@ pub fn run(args: &JudgeArgs) -> Result<()> {
         let contents = [("overview", "Overview"), ("guide", "How to read it")];
         output::write_page(path, "Two models on the same people", &contents, &sections, &body)?;
     }
-    if let Some(path) = &args.json {
-        output::write(path, serde_json::to_string_pretty(&tables::json(&judged))?)?;
-    }
+    output::write_json(args.json.as_deref(), &tables::json(&judged))?;
     args.csv.as_deref().map_or(Ok(()), |path| output::write(path, tables::csv(&judged)))
 }
 

@@ -119,10 +119,7 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
     let pictures: String = datasets.iter().map(|path| pictures_of(path)).collect();
     let made_by = format!("facewire-fit train {names} {how}{pictures}");
     let appearances = dataset::load_appearances(datasets, samples.len())?;
-    let file = match keep {
-        Some(path) => train::extend(path, &samples, appearances.as_ref(), &made_by)?,
-        None => train::train(&samples, appearances.as_ref(), epochs as usize, made_by)?,
-    };
+    let file = train::train(&samples, appearances.as_ref(), epochs as usize, keep, made_by)?;
     output::write(out, toml::to_string(&file)?)?;
     let model = file.to_model()?;
     judge::judge_fitted(names, samples, appearances, &model)

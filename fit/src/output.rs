@@ -1,12 +1,14 @@
-//! What the commands give out: files, tables as text and as HTML, and HTML pages. A page is a single file without
-//! external resources, and suits phones and dark screens.
+//! The files of the commands, tables as text and as HTML, and HTML pages. A page is a single file without external
+//! resources, and suits phones and dark screens.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use facewire_face::BLENDSHAPES;
+use facewire_face::{BLENDSHAPES, model::ModelFile};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde_json::Value;
 
 const STYLE: &str = include_str!("output/style.css");
 
@@ -20,6 +22,25 @@ pub fn check(path: &Path) -> Result<()> {
 
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
+}
+
+pub fn write_json(path: Option<&Path>, value: &Value) -> Result<()> {
+    path.map_or(Ok(()), |path| write(path, serde_json::to_string_pretty(value)?))
+}
+
+pub fn read_model(path: &Path) -> Result<ModelFile> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(ModelFile::parse(&text)?)
+}
+
+/// Returns the files of a folder with one of these endings, in the order of their names.
+pub fn files(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).with_context(|| format!("cannot read the folder {}", folder.display()))?;
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    let is_wanted = |own: &OsStr| endings.iter().any(|ending| own.eq_ignore_ascii_case(ending));
+    paths.retain(|path| path.extension().is_some_and(is_wanted));
+    paths.sort();
+    Ok(paths)
 }
 
 /// A cell of a table, and what stands in its place on a page if that is more than its text.

@@ -1,10 +1,9 @@
 //! Fits the model: selects landmarks, trains the hidden layer, and fills in the model file.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Result, ensure};
 use facewire_face::BLENDSHAPES;
 use facewire_face::model::{BlendshapeTable, Cases, FeatureId, InputTable, MAX_HIDDEN, ModelFile, ScoreTable};
 use nalgebra::{DMatrix, DVector};
@@ -15,6 +14,7 @@ use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
 use crate::faces::{self, Faces};
 use crate::gaze;
 use crate::network::{Network, Training, TrainingData, Units, importance, number, numbers, rounded};
+use crate::output;
 
 const SELECTED: usize = 140;
 const COMPONENTS: usize = 300;
@@ -28,36 +28,30 @@ pub const EPOCHS: u32 = 60;
 const RATE: f32 = 2e-3;
 const SEED: u64 = 1;
 
-/// Fits a model to a dataset. The held-out subjects only serve to score it.
+/// Fits a model to a dataset, and then the part that reads how a face looks to what the landmarks leave unexplained. If
+/// there is a model file to `keep`, its landmark part stays. The held-out subjects only serve to score the model.
 pub fn train(
     samples: &[Sample],
     appearances: Option<&Appearances>,
     epochs: usize,
+    keep: Option<&Path>,
     made_by: String,
 ) -> Result<ModelFile> {
-    let held_out = held_out(samples)?.len();
-    let fitted_on = format!(
-        "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
-        samples.len() - held_out
-    );
-    let mut file = {
-        let seen = with_mirrored(samples)?;
-        fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
+    let mut file = if let Some(path) = keep {
+        ensure!(appearances.is_some(), "the dataset has no features: render it with this version of synth");
+        let file = output::read_model(path)?;
+        ModelFile { appearance: None, made_by: format!("{made_by}; landmark model: {}", file.made_by), ..file }
+    } else {
+        let held_out = held_out(samples)?.len();
+        let fitted_on = format!(
+            "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
+            samples.len() - held_out
+        );
+        fit(&Design::new(&with_mirrored(samples)?)?, epochs, ModelFile::new(made_by, fitted_on))?
     };
     if let Some(appearances) = appearances {
         file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);
     }
-    score(&mut file, samples, appearances)?;
-    Ok(file)
-}
-
-/// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained.
-pub fn extend(path: &Path, samples: &[Sample], appearances: Option<&Appearances>, made_by: &str) -> Result<ModelFile> {
-    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };
-    let looks = appearances.context("the dataset has no features: render it with this version of synth")?;
-    file.made_by = format!("{made_by}; landmark model: {}", file.made_by);
-    file.appearance = Some(appearance::fit(samples, looks, &file.to_model()?)?);
     score(&mut file, samples, appearances)?;
     Ok(file)
 }

@@ -297,7 +297,7 @@ mod tests {
             let ranks = runner.rank(JAW_OPEN, 30);
             let kinds = kinds::ALL.iter().filter(|kind| kind.form.is_formula());
             let tried = kinds.flat_map(|kind| runner.run_kind(kind, JAW_OPEN, &ranks).unwrap());
-            tried.map(|tried| runner.timed(tried)).collect::<Vec<Trial>>()
+            tried.map(|tried| runner.timed(tried).unwrap()).collect::<Vec<Trial>>()
         });
         assert_eq!(trials[0].len(), 4 * 3 + 2 + 3, "kinds with their responses");
         for (known, unknown) in trials[0].iter().zip(&trials[1]) {

@@ -1,8 +1,5 @@
 //! Trials: one kind of model, fitted to one blendshape on every fold.
 
-use std::hint::black_box;
-use std::time::Instant;
-
 use anyhow::{Context, Result};
 use facewire_face::model::{Correction, FEATURES, MAX_HIDDEN, ModelFile, Response};
 use facewire_face::{BLENDSHAPES, COEFFS};
@@ -13,15 +10,14 @@ use serde::Serialize;
 use super::Split;
 use crate::dataset::Sample;
 use crate::design::{Design, MODELLED, with_mirrored};
-use crate::faces::{Faces, estimates, regression_ns};
+use crate::faces::{Faces, estimates, fastest_ns, regression_ns};
 use crate::kinds::{Form, Formula, Kind, Limits, Predictor, suffix, with_response};
 use crate::statistics::{mse, pearson};
 use crate::train;
 
 const SEED: u64 = 1;
-/// Number of faces to time, and of passes over them. The fastest pass counts: other load disturbs it least.
+/// Number of faces to time.
 const TIMED: usize = 100;
-const TIMED_PASSES: usize = 7;
 const NUMBER_BYTES: usize = 4;
 const INDEX_BYTES: usize = 2;
 
@@ -99,10 +95,10 @@ impl<'a> Trials<'a> {
         kind.form.responses().iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
-    pub fn timed(&self, (trial, model): (Trial, Fitted)) -> Trial {
-        let nanoseconds = model.nanoseconds(self.faces, &self.split.held_out);
+    pub fn timed(&self, (trial, model): (Trial, Fitted)) -> Result<Trial> {
+        let nanoseconds = model.nanoseconds(self.faces, &self.split.held_out)?;
         let formula = model.model.formula().map(|formula| (formula, model.scale));
-        Trial { nanoseconds, formula, ..trial }
+        Ok(Trial { nanoseconds, formula, ..trial })
     }
 
     fn run(&self, kind: &Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<(Trial, Fitted)> {
@@ -203,17 +199,10 @@ impl Fitted {
         rows.iter().map(one).collect()
     }
 
-    fn nanoseconds(&self, faces: &Faces, rows: &[usize]) -> f64 {
+    fn nanoseconds(&self, faces: &Faces, rows: &[usize]) -> Result<f64> {
         let rows = &rows[..rows.len().min(TIMED)];
         let timed: Vec<Vec<f64>> = rows.iter().map(|row| self.scale.standardised(faces, *row).collect()).collect();
-        let pass = || {
-            let start = Instant::now();
-            for face in &timed {
-                black_box(self.model.predict(black_box(face)));
-            }
-            start.elapsed().as_secs_f64() * 1e9 / timed.len() as f64
-        };
-        (0..TIMED_PASSES).map(|_| pass()).fold(f64::INFINITY, f64::min)
+        fastest_ns(&timed, |face| Ok(self.model.predict(face)))
     }
 }
 

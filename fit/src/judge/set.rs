@@ -19,6 +19,7 @@ use super::figures::{Person, SolvedFaces};
 use crate::curves::{Parts, Truth};
 use crate::dataset::{self, Appearances, Sample};
 use crate::faces::{Faces, estimates, pose_error_deg};
+use crate::output;
 
 pub struct Set {
     pub name: String,
@@ -147,10 +148,7 @@ pub struct Clip {
 impl Clip {
     /// Loads every clip of a folder, in parallel, in the order of their names.
     pub fn load_all(folder: &Path, has_parts: bool) -> Result<Vec<Self>> {
-        let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
-        let mut films = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-        films.retain(|path| path.extension().is_some_and(|end| end == "avi"));
-        films.sort();
+        let films = output::files(folder, &["avi"])?;
         ensure!(!films.is_empty(), "{} has no .avi files: make them with `facewire-fit film`", folder.display());
         let done = AtomicUsize::new(0);
         let load = |film: &PathBuf| -> Result<Self> {

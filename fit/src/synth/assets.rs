@@ -1,9 +1,9 @@
 //! The assets of all pictures, loaded once: rig, textures, and data precomputed from them.
 
 use core::f32::consts::TAU;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use facewire_face::COEFFS;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -14,6 +14,7 @@ use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
 use super::tongue::below_tongue;
 use crate::design::{find, index_of};
+use crate::output;
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
 const LEAST_VISIBILITY: f32 = 0.03;
@@ -99,10 +100,7 @@ fn is_skin(rig: &Rig) -> Vec<bool> {
 }
 
 fn textures(folder: &Path) -> Result<(Vec<String>, Vec<Texture>)> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot open {}", folder.display()))?;
-    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<PathBuf>>>()?;
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "png" || extension == "jpg"));
-    paths.sort();
+    let paths = output::files(folder, &["png", "jpg"])?;
     ensure!(!paths.is_empty(), "{} contains no PNG or JPEG images", folder.display());
     let names = paths.iter().filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned())).collect();
     Ok((names, paths.par_iter().map(|path| Texture::load(path)).collect::<Result<_>>()?))

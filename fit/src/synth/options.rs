@@ -12,6 +12,7 @@ use super::expression::Coefficients;
 use super::sample::{Distribution, Variety};
 use super::variety::{Condition, Factor, Without};
 use crate::design::MODELLED;
+use crate::output;
 use crate::recording::CsvTable;
 
 #[derive(Debug, Clone, Args)]
@@ -185,11 +186,8 @@ impl Curves {
             [folder] if folder.is_dir() => folder.display(),
             files => return files.iter().map(|path| recording(path)).collect(),
         };
-        let entries = std::fs::read_dir(&self.curves[0]).with_context(|| format!("cannot read the folder {folder}"))?;
-        let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-        paths.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv")));
+        let paths = output::files(&self.curves[0], &["csv"])?;
         ensure!(!paths.is_empty(), "{folder} has no recordings (CSV)");
-        paths.sort();
         let own = paths.iter().enumerate().filter(|(index, _)| set.has(*index, [JUDGE_RECORDING_EVERY, 1]));
         let recordings = own.map(|(_, path)| recording(path)).collect::<Result<Vec<_>>>()?;
         ensure!(

@@ -8,9 +8,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
-use facewire_face::model::{Correction, CorrectiveTerms, ModelFile};
+use facewire_face::model::{Correction, CorrectiveTerms};
 use facewire_face::{BLENDSHAPES, COEFFS, Model};
 use rayon::prelude::*;
 
@@ -59,9 +59,7 @@ type Pairs = Vec<[f64; 2]>;
 
 pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
-    let text =
-        std::fs::read_to_string(&options.model).with_context(|| format!("cannot read {}", options.model.display()))?;
-    let mut file = ModelFile::parse(&text)?;
+    let mut file = output::read_model(&options.model)?;
     let people = people(options, &file.to_model()?)?;
     println!("error: squared, mean over the levels of the truth");
     let is_free = |stem: &String| !KEPT.iter().any(|kept| stem.starts_with(kept));
@@ -71,7 +69,8 @@ pub fn run(options: &Options) -> Result<()> {
     print!("{}", Table::new(heads, fitted.iter().map(Fitted::row)).text());
     for fitted in &fitted {
         if fitted.crossed < (1.0 - LEAST_GAIN) * fitted.before {
-            file.correction.extend(sides(&fitted.stem).map(|name| (name.to_owned(), fitted.terms)));
+            let names = sides(&fitted.stem).into_iter().map(|shape| BLENDSHAPES[shape].to_owned());
+            file.correction.extend(names.map(|name| (name, fitted.terms)));
         }
     }
     let sets: Vec<String> = options.sets.iter().map(|path| path.display().to_string()).collect();
@@ -127,20 +126,20 @@ fn stem(name: &str) -> String {
     name.trim_end_matches("Left").trim_end_matches("Right").to_owned()
 }
 
-fn sides(stem: &str) -> impl Iterator<Item = &'static str> {
-    BLENDSHAPES.iter().copied().filter(move |name| self::stem(name) == stem)
+/// Returns the blendshapes of both sides.
+fn sides(stem: &str) -> Vec<usize> {
+    (0..COEFFS).filter(|shape| self::stem(BLENDSHAPES[*shape]) == stem).collect()
 }
 
 fn pairs(faces: &RawFaces, stem: &str) -> Pairs {
-    let shapes: Vec<usize> = (0..COEFFS).filter(|shape| self::stem(BLENDSHAPES[*shape]) == stem).collect();
+    let shapes = sides(stem);
     let pair = |(raw, truth): &([f32; COEFFS], [f64; COEFFS]), shape: usize| [f64::from(raw[shape]), truth[shape]];
     faces.iter().flat_map(|face| shapes.iter().map(move |shape| pair(face, *shape))).collect()
 }
 
 /// Returns the terms that a model without a table has.
 fn usual(stem: &str) -> CorrectiveTerms {
-    let shape = BLENDSHAPES.iter().position(|name| self::stem(name) == stem).unwrap_or_default();
-    Correction::default().0[shape]
+    Correction::default().0[sides(stem)[0]]
 }
 
 fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
@@ -224,12 +223,14 @@ fn improve<const N: usize>(best: &mut ([f64; N], f64), steps: &[f64; N], cost: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::index_of;
 
     #[test]
     fn every_blendshape_but_the_tongue_has_terms_and_sides_share_them() {
-        let names: Vec<&str> = stems().iter().flat_map(|stem| sides(stem).collect::<Vec<_>>()).collect();
-        assert_eq!(names.len(), BLENDSHAPES.len() - 1);
-        assert_eq!(sides("jaw").collect::<Vec<_>>(), ["jawLeft", "jawRight"]);
+        let mut shapes: Vec<usize> = stems().iter().flat_map(|stem| sides(stem)).collect();
+        shapes.sort_unstable();
+        assert!(shapes.into_iter().eq(0..COEFFS - 1));
+        assert_eq!(sides("jaw"), ["jawLeft", "jawRight"].map(index_of));
     }
 
     #[test]

@@ -149,19 +149,6 @@ fn above(face: &Coefficients, limit: f64) -> usize {
     face.iter().filter(|value| f64::from(**value) > limit).count()
 }
 
-type Difference = ([usize; 2], [f64; 2]);
-
-/// Returns the pairs whose correlations differ most, the largest difference first.
-fn largest_differences(recorded: &Figures, sampled: &Figures, count: usize) -> Vec<Difference> {
-    let pairs = (0..MODELLED).flat_map(|a| (0..a).map(move |b| [b, a]));
-    let both = |[a, b]: [usize; 2]| ([a, b], [recorded, sampled].map(|figures| figures.correlations[a][b]));
-    let mut all: Vec<Difference> = pairs.map(both).collect();
-    let size = |(_, [recorded, sampled]): &Difference| (recorded - sampled).abs();
-    all.sort_by(|one, other| size(other).total_cmp(&size(one)));
-    all.truncate(count);
-    all
-}
-
 const CELL_PX: i32 = 12;
 const NAMES_PX: i32 = 130;
 const ROW_PX: i32 = 14;
@@ -239,7 +226,6 @@ fn colour(value: f64) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-const LISTED: usize = 24;
 const COLOURS: &str = "Blue: recorded. Orange: sampled";
 
 fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
@@ -260,8 +246,6 @@ fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
             p { "The mean absolute difference of both sides, and their correlation." }
             (side_table(recorded, sampled).html())
             h2 id="correlations" { "Correlations" }
-            p { "The pairs whose correlations differ most." }
-            (difference_table(&largest_differences(recorded, sampled, LISTED)).html())
             div.figures.large {
                 (figure(&recorded_map?, "Recorded: blue -1, white 0, red 1", "Correlations"))
                 (figure(&sampled_map?, "Sampled", "Correlations"))
@@ -303,13 +287,6 @@ fn side_table(recorded: &Figures, sampled: &Figures) -> Table {
         Some(row(BLENDSHAPES[one.index].trim_end_matches("Left"), [gap, sampled_gap, r, sampled_r]))
     });
     Table::new(["blendshape", "difference", "sampled", "correlation", "sampled"], sides)
-}
-
-fn difference_table(differences: &[Difference]) -> Table {
-    let cells = |(pair, [recorded, sampled]): &Difference| {
-        row(&pair.map(|index| BLENDSHAPES[index]).join(", "), [*recorded, *sampled, sampled - recorded])
-    };
-    Table::new(["pair", "recorded", "sampled", "difference"], differences.iter().map(cells))
 }
 
 const CONTENTS: [(&str, &str); 4] =

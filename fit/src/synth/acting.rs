@@ -54,12 +54,6 @@ pub enum Kind {
     Rest,
 }
 
-impl Kind {
-    pub fn name(self) -> String {
-        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
-    }
-}
-
 pub type Share = (Kind, f32);
 
 pub struct Expressions {

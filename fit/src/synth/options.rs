@@ -102,7 +102,7 @@ fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<V
         !chosen.is_empty(),
         "none of the rig's {} {kind} belongs to --set {}, which has one in {JUDGE_EVERY}: add some, or use --{kind}",
         known.len(),
-        set.name()
+        name_of(&set)
     );
     Ok(chosen)
 }
@@ -135,10 +135,6 @@ impl Set {
     /// Returns whether every `step`th index, beginning with `first`, is for judging and this set is, too; or neither.
     fn has(self, index: usize, [step, first]: [usize; 2]) -> bool {
         self == Self::All || (index % step == first) == (self == Self::Judge)
-    }
-
-    fn name(self) -> &'static str {
-        ["train", "judge", "all"][self as usize]
     }
 
     pub fn seed(self, seed: u64) -> u64 {
@@ -195,7 +191,7 @@ impl Curves {
             "none of the {} recordings in {folder} belongs to --set {}, which has one in {JUDGE_RECORDING_EVERY}: add \
              some, or name files",
             paths.len(),
-            set.name()
+            name_of(&set)
         );
         Ok(recordings)
     }
@@ -220,8 +216,13 @@ impl MixOptions {
     }
 }
 
+/// Returns the name of a value on the command line.
+pub fn name_of(value: &impl ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
 pub fn mix_text(mix: &[Share]) -> String {
-    mix.iter().map(|(kind, share)| format!("{}={share}", kind.name())).collect::<Vec<_>>().join(",")
+    mix.iter().map(|(kind, share)| format!("{}={share}", name_of(kind))).collect::<Vec<_>>().join(",")
 }
 
 fn share(text: &str) -> Result<Share, String> {

@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use turbojpeg::Subsamp;
 
 use super::camera::Effects;
+use super::options::name_of;
 use super::person::{BeardStyle, Looks};
 use super::props::Glasses;
 use super::scene::{FACE_CM, Lens};
@@ -213,8 +214,7 @@ impl Without {
     }
 
     pub fn names(&self) -> Vec<String> {
-        let name = |factor: &Factor| factor.to_possible_value().map(|value| value.get_name().to_owned());
-        self.0.iter().filter_map(name).collect()
+        self.0.iter().map(name_of).collect()
     }
 
     pub fn simplify_person(&self, identity: &mut [f32], looks: &mut Looks) {

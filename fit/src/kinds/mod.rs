@@ -174,23 +174,14 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_finds_functions_of_its_form_on_new_faces() {
-        let affine = |face: &[f64]| 0.3 + 0.2 * face[0] - 0.1 * face[2];
-        for name in ["ols", "pca", "pls"] {
-            assert!(unexplained(name, 300, affine) < 1e-13, "{name}");
-        }
+    fn kinds_without_an_exact_reference_find_functions_of_their_form_on_new_faces() {
         let exponential = |face: &[f64]| (-0.6 + 0.3 * face[0] - 0.2 * face[1]).exp() - LIFT;
         assert!(unexplained("exp", 300, exponential) < 1e-11);
         let logarithm =
             |face: &[f64]| (-0.6 + 0.5 * signed_logarithm(face[0]) - 0.3 * signed_logarithm(face[2])).exp() - LIFT;
         assert!(unexplained("log-exp", 300, logarithm) < 1e-11 && unexplained("exp", 300, logarithm) > 1e-5);
-        let quadratic = |face: &[f64]| 0.2 + 0.1 * face[0] + 0.3 * face[0] * face[2] - 0.2 * face[1].powi(2);
-        assert!(unexplained("poly", 300, quadratic) < 1e-3);
-        let smooth = |face: &[f64]| (2.0 * face[0]).sin() * face[1];
-        assert!(unexplained("gp-rbf", 200, smooth) < 0.01 && unexplained("gp-matern", 200, smooth) < 0.02);
         let product = |face: &[f64]| 0.5 + 0.4 * face[0] * face[1] + 0.3 * face[2];
         assert!(unexplained("svr-rbf", 300, product) < 0.03 && unexplained("svr-poly", 300, product) < 0.03);
-        assert!(unexplained("knn", 2000, |face| face[0] * face[1] + face[2]) < 0.03);
         let wave = |face: &[f64]| face[0] * face[1] + (3.0 * face[2]).sin();
         for (name, count, most) in [("gb", 1500, 0.09), ("ada", 1500, 0.2), ("hist-gb", 4000, 0.03)] {
             assert!(unexplained(name, count, wave) < most, "{name}");

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use facewire_face::{BLENDSHAPES, COEFFS};
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ use serde_json::json;
 use self::choice::{Budget, Choice};
 use self::trial::{Trial, Trials};
 use crate::dataset::{self, Sample, held_out};
-use crate::design::{MODELLED, find, index_of};
+use crate::design::{index_of, modelled};
 use crate::faces::Faces;
 use crate::kinds::{self, Kind};
 use crate::output::{self, Table};
@@ -60,8 +60,8 @@ pub struct FitArgs {
 #[derive(Debug, Clone, Args)]
 pub struct FitOptions {
     /// Blendshapes by ARKit name, separated by commas [default: all]
-    #[arg(long, value_delimiter = ',')]
-    pub blendshapes: Vec<String>,
+    #[arg(long, value_delimiter = ',', value_parser = modelled)]
+    pub blendshapes: Vec<usize>,
     /// Kinds of model, separated by commas [default: all]
     #[arg(long, value_delimiter = ',')]
     pub kinds: Vec<String>,
@@ -113,21 +113,19 @@ impl FitArgs {
         let choices: Vec<Choice> = tried.into_iter().map(choose).collect();
         println!("neutral face {}", if neutral_known { "known" } else { "not known" });
         print!("{}", choice::text(&choices, split, &budget));
-        if split.one_subject {
-            for blendshape in ["mouthSmileLeft", "cheekPuff"] {
-                if let Some(choice) = choices.iter().find(|choice| choice.blendshape == blendshape) {
-                    println!("\n{blendshape}; indented rows are the paper's ({MODELS_TITLE})");
-                    print!("{}", beside_the_paper(choice, &faces, split).text());
-                }
-            }
+        let is_in_paper = |choice: &&Choice| split.one_subject && !model_rows(choice.blendshape).is_empty();
+        for choice in choices.iter().filter(is_in_paper) {
+            println!("\n{}; indented rows are the paper's ({MODELS_TITLE})", choice.blendshape);
+            print!("{}", beside_the_paper(choice, &faces, split).text());
         }
         Ok(choices)
     }
 
     fn made_by(&self) -> String {
         let FitOptions { blendshapes, kinds, folds, .. } = &self.options;
+        let blendshapes = blendshapes.iter().map(|shape| BLENDSHAPES[*shape].to_owned()).collect();
         let mut parts = vec![format!("facewire-fit fit {} --export", self.dataset.display())];
-        let lists = [("blendshapes", blendshapes), ("kinds", kinds)].into_iter().filter(|(_, list)| !list.is_empty());
+        let lists = [("blendshapes", &blendshapes), ("kinds", kinds)].into_iter().filter(|(_, list)| !list.is_empty());
         parts.extend(lists.map(|(name, list)| format!("--{name} {}", list.join(","))));
         parts.push(format!("--folds {folds} --bytes {} --nanoseconds {}", self.bytes, self.nanoseconds));
         parts.extend(self.one_subject.then(|| "--one-subject".to_owned()));
@@ -178,7 +176,7 @@ impl FitOptions {
     ) -> Result<Vec<(usize, Vec<Trial>)>> {
         let trainings: Vec<Vec<usize>> = (0..split.folds).map(|fold| split.training(fold)).collect();
         let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
-        let blendshapes = faces.moving(&self.blendshapes()?, &parts)?;
+        let blendshapes = faces.moving(&self.blendshapes, &parts)?;
         let runner = Trials::new(faces, split);
         let widest = kinds.each.iter().map(|kind| kind.limits.features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
@@ -204,19 +202,6 @@ impl FitOptions {
             }
         }
         Ok(tried)
-    }
-
-    fn blendshapes(&self) -> Result<Vec<usize>> {
-        let find = |name: &String| {
-            find(name)
-                .filter(|index| *index < MODELLED)
-                .with_context(|| format!("no blendshape {name} among those that landmarks show"))
-        };
-        if self.blendshapes.is_empty() {
-            Ok((0..MODELLED).collect())
-        } else {
-            self.blendshapes.iter().map(find).collect()
-        }
     }
 
     fn kinds(&self) -> Result<Kinds> {
@@ -309,16 +294,15 @@ mod tests {
     use super::*;
     use crate::reference;
 
-    fn options(blendshapes: &[&str], kinds: &[&str]) -> FitOptions {
-        let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        FitOptions { blendshapes: owned(blendshapes), ..FitOptions::to_kinds(owned(kinds)) }
+    fn to_kinds(kinds: [&str; 2]) -> FitOptions {
+        FitOptions::to_kinds(kinds.map(str::to_owned).into())
     }
 
     #[test]
     fn unknown_kinds_and_blendshapes_are_refused_with_the_known_ones() {
-        let error = options(&[], &["ols", "lasso"]).kinds().err().unwrap().to_string();
+        let error = to_kinds(["ols", "lasso"]).kinds().err().unwrap().to_string();
         assert!(error.contains("lasso") && error.contains("ridge") && error.contains(trial::HIDDEN_LAYER), "{error}");
-        assert!(options(&["tongueOut"], &[]).blendshapes().is_err());
+        assert!(modelled("tongueOut").is_err());
     }
 
     #[test]
@@ -327,7 +311,7 @@ mod tests {
         let samples = dataset::load(&path).unwrap();
         let faces = Faces::new(&samples, true).unwrap();
         let split = Split::new(&samples, 3, false).unwrap();
-        let options = options(&["jawOpen"], &["ols", "poly"]);
+        let options = FitOptions { blendshapes: vec![index_of("jawOpen")], ..to_kinds(["ols", "poly"]) };
         let tried = options.run_trials(&samples, &faces, &split, &options.kinds().unwrap()).unwrap();
         let of = |kind: &str| tried[0].1.iter().find(|trial| trial.name() == kind).unwrap();
         assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);

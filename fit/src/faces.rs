@@ -12,6 +12,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{Appearances, Person, Sample, held_out};
+use crate::design::MODELLED;
 use crate::statistics::{mean, mse, pearson, standard_deviation};
 
 /// Number of passes over the pictures when timing. The fastest pass counts, because other load disturbs it least.
@@ -63,8 +64,11 @@ impl<'a> Faces<'a> {
         if all { Ok((0..self.len()).collect()) } else { held_out(self.samples) }
     }
 
-    /// Returns those of the blendshapes that move in each of `parts`. The names of the others are printed.
+    /// Returns those of the wanted blendshapes, or of all if there are none, that move in each of `parts`. The names of the
+    /// others are printed.
     pub fn moving(&self, wanted: &[usize], parts: &[&[usize]]) -> Result<Vec<usize>> {
+        let all: Vec<usize> = (0..MODELLED).collect();
+        let wanted = if wanted.is_empty() { &all } else { wanted };
         let moves = |shape: &usize| parts.iter().all(|rows| standard_deviation(&self.truth(*shape, rows)) > MOVES);
         let (moving, still): (Vec<usize>, Vec<usize>) = wanted.iter().partition(|shape| moves(shape));
         ensure!(!moving.is_empty(), "none of these blendshapes moves in the pictures");

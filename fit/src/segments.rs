@@ -19,7 +19,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{self, Sample};
-use crate::design::{MODELLED, find};
+use crate::design::{MODELLED, modelled};
 use crate::faces::Faces;
 use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation, subsample};
 use crate::{kinds, output};
@@ -29,7 +29,7 @@ pub struct SelectArgs {
     /// Landmarks with true coefficients (npz archive with names.json beside it)
     dataset: PathBuf,
     /// A blendshape to rank features for; may be repeated [default: all]
-    #[arg(long, value_name = "NAME", value_parser = blendshape)]
+    #[arg(long, value_name = "NAME", value_parser = modelled)]
     blendshape: Vec<usize>,
     /// The page to write
     #[arg(long, value_name = "FILE", default_value = "segments.html")]
@@ -45,12 +45,6 @@ pub struct SelectArgs {
     svr_rows: u32,
 }
 
-fn blendshape(name: &str) -> Result<usize, String> {
-    find(name)
-        .filter(|index| *index < MODELLED)
-        .ok_or_else(|| "not a blendshape that landmarks show: names are like eyeBlinkLeft".to_owned())
-}
-
 fn percentile(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| (0.1..=50.0).contains(number));
     number.ok_or_else(|| "not a number from 0.1 to 50".to_owned())
@@ -61,9 +55,8 @@ pub fn run(args: &SelectArgs) -> Result<()> {
     let samples = dataset::load(&args.dataset)?;
     let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
     let pictures = Pictures::new(&samples, &known)?;
-    let wanted = if args.blendshape.is_empty() { (0..MODELLED).collect() } else { args.blendshape.clone() };
     let kept = kept_count(args.percentile);
-    let segments = segments(&pictures, &wanted, kept, args.svr_rows as usize)?;
+    let segments = segments(&pictures, &args.blendshape, kept, args.svr_rows as usize)?;
     print!("{}", tables::summary(&segments).text());
     if let Some(path) = &args.csv {
         tables::write_csv(path, &segments).with_context(|| format!("cannot write {}", path.display()))?;
@@ -254,7 +247,7 @@ mod tests {
         let samples = test_faces();
         let known = Faces::new(&samples, true).unwrap();
         let pictures = Pictures::new(&samples, &known).unwrap();
-        let segment = &segments(&pictures, &[blendshape("jawOpen").unwrap()], kept_count(2.0), 20).unwrap()[0];
+        let segment = &segments(&pictures, &[modelled("jawOpen").unwrap()], kept_count(2.0), 20).unwrap()[0];
         let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
         let down = |landmark: usize| neutral.landmarks.0[landmark][1];
         let landmarks = tables::landmarks(segment.kept());

@@ -21,7 +21,8 @@ pub struct Arrays {
 
 impl Arrays {
     pub fn open(path: &Path) -> Result<Self> {
-        let archive = NpzArchive::new(open(path)?);
+        let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
+        let archive = NpzArchive::new(BufReader::new(file));
         let archive = archive.with_context(|| format!("{} is not a NumPy archive (.npz)", path.display()))?;
         Ok(Self { path: path.to_owned(), archive })
     }
@@ -52,10 +53,6 @@ impl Arrays {
     pub fn has(&self, name: &str) -> bool {
         self.archive.array_names().any(|other| other == name)
     }
-}
-
-fn open(path: &Path) -> Result<BufReader<File>> {
-    File::open(path).map(BufReader::new).with_context(|| format!("cannot open {}", path.display()))
 }
 
 fn values<T: Deserialize>(array: NpyFile<impl Read>, row: &[usize], kind: &str, label: &str) -> Result<Vec<T>> {

@@ -38,9 +38,6 @@ pub struct Choice {
     /// The simplest trial within the budget whose validation error is within one standard error of the best trial's.
     pub chosen: Option<usize>,
     pub best_within_budget: Option<usize>,
-    pub best: Option<usize>,
-    /// The trial with the least validation error among affine maps of the features to the untransformed truth.
-    pub linear: Option<usize>,
 }
 
 impl Choice {
@@ -56,9 +53,7 @@ impl Choice {
             let simplest = trials.iter().filter(|trial| tied(trial)).map(simplicity).min()?;
             least(&|trial| tied(trial) && simplicity(trial) == simplest)
         });
-        let best = least(&|_| true);
-        let linear = least(&|trial| simplicity(trial) == (Form::Affine, Response::Plain));
-        Self { blendshape, trials, chosen, best_within_budget, best, linear }
+        Self { blendshape, trials, chosen, best_within_budget }
     }
 
     fn at(&self, index: Option<usize>) -> Option<&Trial> {
@@ -88,15 +83,11 @@ fn by_blendshape(choices: &[Choice]) -> Table {
     let name = |trial: Option<&Trial>| trial.map_or("-".to_owned(), Trial::name);
     let mse = |trial: Option<&Trial>| number(trial.map(|trial| trial.mse), 4);
     let row = |choice: &Choice| {
-        let indices = [choice.chosen, choice.best_within_budget, choice.best, choice.linear];
-        let [chosen, within, best, linear] = indices.map(|index| choice.at(index));
-        let mut cells = vec![choice.blendshape.to_owned(), name(chosen), number(chosen.map(|trial| trial.r), 3)];
-        cells.extend([mse(chosen), name(within), mse(within), name(best), mse(best), mse(linear)]);
-        cells
+        let [chosen, best] = [choice.chosen, choice.best_within_budget].map(|index| choice.at(index));
+        let r = number(chosen.map(|trial| trial.r), 3);
+        vec![choice.blendshape.to_owned(), name(chosen), r, mse(chosen), name(best), mse(best)]
     };
-    let heads =
-        ["blendshape", "chosen", "r", "MSE", "best in budget", "MSE", "best of all", "MSE", "MSE of the best linear"];
-    Table::new(heads, choices.iter().map(row))
+    Table::new(["blendshape", "chosen", "r", "MSE", "best in budget", "MSE"], choices.iter().map(row))
 }
 
 fn by_kind(choices: &[Choice]) -> Table {
@@ -244,10 +235,9 @@ mod tests {
         Trial { kind, form, validation, bytes, nanoseconds: 1.0, ..Trial::default() }
     }
 
-    fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 4] {
+    fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 2] {
         let choice = Choice::new("jawOpen", trials, &Budget { bytes: 100, nanoseconds: 10.0, formulas_only: false });
-        [choice.chosen, choice.best_within_budget, choice.best, choice.linear]
-            .map(|index| choice.at(index).map(|trial| trial.kind))
+        [choice.chosen, choice.best_within_budget].map(|index| choice.at(index).map(|trial| trial.kind))
     }
 
     #[test]
@@ -259,13 +249,13 @@ mod tests {
                 trial("gp-rbf", Form::Large, [0.5, 0.1], 10),
             ]
         };
-        assert_eq!(chosen(trials(1.19)), [Some("ols"), Some("poly"), Some("gp-rbf"), Some("ols")]);
+        assert_eq!(chosen(trials(1.19)), [Some("ols"), Some("poly")]);
         assert_eq!(chosen(trials(1.21))[0], Some("poly"));
         let equal = vec![trial("ols", Form::Affine, [1.1, 0.5], 10), trial("ridge", Form::Affine, [1.0, 0.5], 10)];
         assert_eq!(chosen(equal)[0], Some("ridge"), "the better of equally simple ones");
         let costly = vec![trial("ols", Form::Affine, [2.0, 0.1], 10), trial("poly", Form::Quadratic, [1.0, 0.1], 101)];
-        assert_eq!(chosen(costly), [Some("ols"), Some("ols"), Some("poly"), Some("ols")]);
-        assert_eq!(chosen(vec![trial("gp-rbf", Form::Large, [1.0, 0.1], 1)])[..2], [None, None]);
+        assert_eq!(chosen(costly), [Some("ols"), Some("ols")]);
+        assert_eq!(chosen(vec![trial("gp-rbf", Form::Large, [1.0, 0.1], 1)]), [None, None]);
     }
 
     const JAW_OPEN: usize = 17;

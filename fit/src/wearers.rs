@@ -168,7 +168,7 @@ fn calibrate(clip: &Clip, model: &Model, at_rest: &str) -> Result<Option<Profile
 fn show(clip: &Clip, learned: &Learned, part: &str) -> Vec<Shown> {
     let frames = clip.parts.of(part);
     let mode = if learned.watches() { NeutralMode::Auto } else { NeutralMode::Off };
-    let mut playback = playback(&learned.model, learned.profile.clone(), mode);
+    let mut playback = playback(None, &learned.model, learned.profile.clone(), mode);
     for (frame, watched) in clip.parts.of(TALK).zip(&learned.watched_frames) {
         let mut face = clip.faces[*watched].clone();
         face.time_us = clip.faces[frame].time_us;

@@ -73,8 +73,7 @@ impl Set {
             }
             Content::Clips(clips, neutral_frames) => {
                 let person = |model: &Model, (clip, neutral): &(Clip, Neutral)| {
-                    let mut playback = playback(model, profile(neutral, neutral_known), NeutralMode::Off);
-                    let shown = clip.faces.iter().map(|face| playback.show(face)).collect::<Vec<_>>();
+                    let shown = clip.shown(model, neutral_known.then_some(neutral));
                     clip.person(&shown, 0..shown.len(), *neutral_frames)
                 };
                 Ok(models.iter().map(|model| clips.par_iter().map(|clip| person(model, clip)).collect()).collect())
@@ -95,8 +94,8 @@ impl Set {
             }
             Content::Clips(clips, _) => {
                 let raw = |(clip, neutral): &(Clip, Neutral)| {
-                    let mut playback = playback(model, profile(neutral, neutral_known), NeutralMode::Off);
-                    let pairs = clip.faces.iter().map(|face| playback.show(face)).zip(&clip.truth.coefficients);
+                    let shown = clip.shown(model, neutral_known.then_some(neutral));
+                    let pairs = shown.into_iter().zip(&clip.truth.coefficients);
                     pairs.filter_map(|(shown, truth)| Some((shown.solution?.raw.0, *truth))).collect()
                 };
                 Ok(clips.par_iter().map(raw).collect())
@@ -118,10 +117,6 @@ impl Set {
             }
         }
     }
-}
-
-fn profile(neutral: &Neutral, is_known: bool) -> Profile {
-    Profile { neutral: is_known.then(|| neutral.clone()), ..Profile::default() }
 }
 
 fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Person>> {
@@ -170,6 +165,13 @@ impl Clip {
         Ok(Self { name, faces, truth, parts })
     }
 
+    /// Returns what the solver and the failsafe show in each frame.
+    pub fn shown(&self, model: &Model, neutral: Option<&Neutral>) -> Vec<Shown> {
+        let profile = Profile { neutral: neutral.cloned(), ..Profile::default() };
+        let mut playback = playback(None, model, profile, NeutralMode::Off);
+        self.faces.iter().map(|face| playback.show(face)).collect()
+    }
+
     /// Sums up what was shown in some frames. The person's neutral face was taken from the first `neutral_frames`.
     pub fn person(&self, shown: &[Shown], frames: Range<usize>, neutral_frames: u64) -> Person {
         let faces = SolvedFaces {
@@ -192,16 +194,12 @@ fn track(film: &Path) -> Result<Vec<TrackedFrame>> {
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;
     let tracker = Some(load_tracker(&settings.networks)?);
-    let mut playback = playback_with(tracker, &Model::embedded(), Profile::default(), NeutralMode::Off);
+    let mut playback = playback(tracker, &Model::embedded(), Profile::default(), NeutralMode::Off);
     std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }
 
-/// Returns the solver and the failsafe with the default settings, for faces that have been found.
-pub fn playback(model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
-    playback_with(None, model, profile, neutral_mode)
-}
-
-fn playback_with(tracker: Option<Tracker>, model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
+/// Returns the solver and the failsafe with the default settings. Without a tracker, they show faces that have been found.
+pub fn playback(tracker: Option<Tracker>, model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
     let settings = Settings::default();
     let mut solver = Solver::new(model.clone(), profile, shaping(&settings));
     solver.neutral_mode = neutral_mode;

@@ -4,10 +4,10 @@ use std::iter::Sum;
 use std::ops::Range;
 
 use anyhow::{Context, Result};
-use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model, NeutralMode, Profile};
+use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model};
 
 use super::{PARTS, Part};
-use crate::judge::set::{Clip, playback};
+use crate::judge::set::Clip;
 use crate::output::Table;
 
 pub const FPS: f64 = 30.0;
@@ -156,11 +156,9 @@ pub struct Stream {
 
 impl Stream {
     pub fn of(clip: Clip) -> Result<Self> {
-        let profile = Profile { neutral: Some(clip.neutral(NEUTRAL_FRAMES)?), ..Profile::default() };
-        let mut playback = playback(&Model::embedded(), profile, NeutralMode::Off);
         let (mut raw, mut sent) = (Frames::new(), Frames::new());
-        for face in &clip.faces {
-            if let Some(solved) = playback.show(face).solution {
+        for shown in clip.shown(&Model::embedded(), Some(&clip.neutral(NEUTRAL_FRAMES)?)) {
+            if let Some(solved) = shown.solution {
                 raw.push((solved.corrected.0, solved.raw_head));
                 sent.push((solved.smoothed.0, solved.head));
             } else {

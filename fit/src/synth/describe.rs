@@ -8,6 +8,7 @@ use clap::Args;
 use facewire_face::stages::MIRRORED;
 use facewire_face::{BLENDSHAPES, COEFFS};
 use maud::{Markup, html};
+use nalgebra::DMatrix;
 use plotters::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -84,7 +85,7 @@ struct Figures {
     densities: Vec<f64>,
     strong: f64,
     shapes: Vec<Marginal>,
-    correlations: Vec<Vec<f64>>,
+    correlations: DMatrix<f64>,
 }
 
 struct Marginal {
@@ -103,13 +104,12 @@ impl Figures {
         for face in faces {
             densities[above(face, VISIBLE)] += 1.0 / faces.len() as f64;
         }
-        let row = |a: usize| (0..MODELLED).map(|b| pearson(&columns[a], &columns[b])).collect();
         Self {
             count: faces.len(),
             densities,
             strong: mean(faces.iter().map(|face| above(face, STRONG) as f64)),
             shapes: (0..MODELLED).map(|index| Marginal::of(index, &columns)).collect(),
-            correlations: (0..MODELLED).map(row).collect(),
+            correlations: DMatrix::from_fn(MODELLED, MODELLED, |a, b| pearson(&columns[a], &columns[b])),
         }
     }
 
@@ -199,7 +199,7 @@ fn ranges(recorded: &Figures, sampled: &Figures) -> Result<String> {
     })
 }
 
-fn matrix(values: &[Vec<f64>]) -> Result<String> {
+fn matrix(values: &DMatrix<f64>) -> Result<String> {
     let size = NAMES_PX + CELL_PX * i32::try_from(MODELLED)?;
     svg((size.unsigned_abs(), size.unsigned_abs()), |area| -> Result<(), DrawError> {
         for (row, name) in (0..).zip(&BLENDSHAPES[..MODELLED]) {
@@ -208,8 +208,8 @@ fn matrix(values: &[Vec<f64>]) -> Result<String> {
             let upright = TEXT.into_text_style(area).transform(FontTransform::Rotate270);
             area.draw(&Text::new(*name, (at + 1, NAMES_PX - 4), upright))?;
         }
-        for (row, cells) in (0..).zip(values) {
-            for (column, value) in (0..).zip(cells) {
+        for (row, cells) in (0..).zip(values.row_iter()) {
+            for (column, value) in (0..).zip(&cells) {
                 let corner = (NAMES_PX + column * CELL_PX, NAMES_PX + row * CELL_PX);
                 let cell = [corner, (corner.0 + CELL_PX, corner.1 + CELL_PX)];
                 area.draw(&Rectangle::new(cell, colour(*value).filled()))?;
@@ -229,10 +229,8 @@ fn colour(value: f64) -> RGBColor {
 const COLOURS: &str = "Blue: recorded. Orange: sampled";
 
 fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
-    let difference: Vec<Vec<f64>> = (recorded.correlations.iter().zip(&sampled.correlations))
-        .map(|(one, other)| one.iter().zip(other).map(|(one, other)| other - one).collect())
-        .collect();
-    let maps = [&recorded.correlations, &sampled.correlations, &difference].map(|values| matrix(values));
+    let difference = &sampled.correlations - &recorded.correlations;
+    let maps = [&recorded.correlations, &sampled.correlations, &difference].map(matrix);
     let [recorded_map, sampled_map, difference_map] = maps;
     Ok(html! {
             p { "Sampled: " (mix) "." }

@@ -11,7 +11,7 @@ use super::assets::TextureChoice;
 use super::expression::Coefficients;
 use super::sample::{Distribution, Variety};
 use super::variety::{Condition, Factor, Without};
-use crate::design::MODELLED;
+use crate::design::modelled;
 use crate::output;
 use crate::recording::CsvTable;
 
@@ -72,14 +72,14 @@ impl SceneOptions {
     /// Returns the settings that determine the pictures as text, for the provenance file.
     pub fn describe(&self, set: Set, sources: &Sources, distribution: &Distribution) -> String {
         let [skins, brows, eyes] = &distribution.variety.textures;
+        let shapes: Vec<&str> = self.mix.shapes.iter().map(|shape| BLENDSHAPES[*shape]).collect();
         let (frames, mix) = (distribution.expressions.moments.frames.len(), mix_text(self.mix.mix(set)));
         format!(
             "rig {}\nskins {skins:?}, brows {brows:?}, eyes {eyes:?}\ncurves {:?}, {frames} frames, mix {mix}\n\
-             turn {:?}, shapes {:?}\nwithout {:?}\ncondition {:?}\n",
+             turn {:?}, shapes {shapes:?}\nwithout {:?}\ncondition {:?}\n",
             sources.rig.display(),
             sources.curves.curves,
             distribution.turn_deg,
-            self.mix.shapes,
             distribution.variety.without.names(),
             self.condition
         )
@@ -95,7 +95,11 @@ pub fn picture_size(size: &[usize]) -> Result<[usize; 2]> {
 /// Returns the indices of the wanted textures, or of the set's if none are wanted. An empty selection is an error.
 fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
     if !wanted.is_empty() {
-        return named(known, wanted);
+        let find = |name: &String| {
+            let index = known.iter().position(|known| known == name);
+            index.with_context(|| format!("no {name}: the names are {}", known.join(", ")))
+        };
+        return wanted.iter().map(find).collect();
     }
     let chosen: Vec<usize> = (0..known.len()).filter(|index| set.has(*index, [JUDGE_EVERY, JUDGE_EVERY - 1])).collect();
     ensure!(
@@ -105,14 +109,6 @@ fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<V
         name_of(&set)
     );
     Ok(chosen)
-}
-
-fn named<S: std::borrow::Borrow<str>>(known: &[S], wanted: &[String]) -> Result<Vec<usize>> {
-    let find = |name: &String| {
-        let index = known.iter().position(|known| known.borrow() == name);
-        index.with_context(|| format!("no {name}: the names are {}", known.join(", ")))
-    };
-    wanted.iter().map(find).collect()
 }
 
 /// One in this many skin, brow and eye textures belongs to the judging set.
@@ -171,8 +167,8 @@ pub struct MixOptions {
     #[arg(long, value_delimiter = ',', num_args = 1, value_name = "KIND=SHARE,...", value_parser = share)]
     mix: Vec<Share>,
     /// Shapes to show alone, by ARKit name, separated by commas [default: all]
-    #[arg(long, value_delimiter = ',')]
-    pub shapes: Vec<String>,
+    #[arg(long, value_delimiter = ',', value_parser = modelled)]
+    shapes: Vec<usize>,
 }
 
 impl Curves {
@@ -203,8 +199,7 @@ impl Curves {
 
 impl MixOptions {
     pub fn expressions(&self, set: Set, moments: Moments) -> Result<Expressions> {
-        let shapes = named(&BLENDSHAPES[..MODELLED], &self.shapes)?;
-        Expressions::new(moments, self.mix(set), shapes).context("--mix needs a kind with a share above 0")
+        Expressions::new(moments, self.mix(set), self.shapes.clone()).context("--mix needs a kind with a share above 0")
     }
 
     pub fn mix(&self, set: Set) -> &[Share] {

@@ -8,11 +8,12 @@
 
 use anyhow::{Result, ensure};
 use facewire_face::model::{APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceTable, Cases, ResidualRow};
-use facewire_face::{BLENDSHAPES, COEFFS, Model};
+use facewire_face::{BLENDSHAPES, Model};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{Appearances, Sample};
+use crate::design::MODELLED;
 use crate::faces::Faces;
 use crate::network::{Batch, Examples, Network, Training, Units, importance, noise, number, numbers};
 
@@ -55,16 +56,16 @@ impl<'a> Residuals<'a> {
         let rows: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
         let pictures: Vec<usize> = rows.iter().map(|row| samples[*row].picture).collect();
         let (mean, scale) = moments(appearances, &pictures);
-        let mut start = DMatrix::zeros(2 * COEFFS, pictures.len());
-        for (first, neutral_known) in [(0, true), (COEFFS, false)] {
+        let mut start = DMatrix::zeros(2 * MODELLED, pictures.len());
+        for (first, neutral_known) in [(0, true), (MODELLED, false)] {
             let faces = Faces::new(samples, neutral_known)?;
             for (mut column, row) in start.column_iter_mut().zip(&rows) {
                 let raw = faces.of_landmarks(model, *row)?;
-                column.rows_mut(first, COEFFS).copy_from_slice(&raw.0);
+                column.rows_mut(first, MODELLED).copy_from_slice(&raw.0[..MODELLED]);
             }
         }
-        let truth = |row: usize, face: usize| samples[rows[face]].truth[row % COEFFS] as f32;
-        let truth = DMatrix::from_fn(2 * COEFFS, pictures.len(), truth);
+        let truth = |row: usize, face: usize| samples[rows[face]].truth[row % MODELLED] as f32;
+        let truth = DMatrix::from_fn(2 * MODELLED, pictures.len(), truth);
         let importance = importance(&truth);
         Ok(Self { appearances, pictures, mean, scale, start, truth, importance })
     }
@@ -134,11 +135,12 @@ fn table(network: &Network, faces: &Residuals) -> AppearanceTable {
     let landmarks = APPEARANCE_LANDMARKS.iter().zip(bytes.chunks(Appearances::VALUES / APPEARANCE_LANDMARKS.len()));
     let residual =
         |first: usize| ResidualRow { offset: number(network.b[first]), weights: numbers(network.v.row(first).iter()) };
-    let residuals = |shape: usize| Cases { neutral_known: residual(shape), neutral_unknown: residual(COEFFS + shape) };
+    let residuals =
+        |shape: usize| Cases { neutral_known: residual(shape), neutral_unknown: residual(MODELLED + shape) };
     AppearanceTable {
         scales: scales.iter().map(|scale| f64::from(*scale)).collect(),
         offsets: (0..APPEARANCE_UNITS).map(offset).collect(),
         landmarks: landmarks.map(|(name, rows)| (name.to_string(), AppearanceTable::encode(rows))).collect(),
-        blendshapes: (0..COEFFS).map(|shape| (BLENDSHAPES[shape].to_owned(), residuals(shape))).collect(),
+        blendshapes: (0..MODELLED).map(|shape| (BLENDSHAPES[shape].to_owned(), residuals(shape))).collect(),
     }
 }

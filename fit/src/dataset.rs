@@ -57,9 +57,8 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     load_all(&[path])
 }
 
-/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person, because
-/// sets of the same seed show the same people. People of datasets that `synth` did not make are others than these, and
-/// come first.
+/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person if `synth`
+/// made both datasets with the same seed, because it shows the same people then, or if it made neither.
 pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     let (mut samples, mut numbers) = (Vec::new(), Vec::new());
     for path in paths {
@@ -71,8 +70,8 @@ pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
-/// Appends the pictures of a dataset, and returns for each whether `synth` made it, and the number of its subject.
-fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(bool, i32)>> {
+/// Appends the pictures of a dataset, and returns for each the seed of its people and the number of its subject.
+fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(Option<String>, i32)>> {
     let columns = columns(&path.with_file_name("names.json"))?;
     let mut arrays = Arrays::open(path)?;
     let landmarks = arrays.floats("landmarks", &LANDMARK_SHAPE)?;
@@ -97,8 +96,14 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(bool, i32)>> {
         neutral: meta[META - 1] > 0.5,
         mirrored: false,
     }));
-    let is_rendered = provenance(path).exists();
-    Ok(subjects.into_iter().map(|subject| (is_rendered, subject)).collect())
+    let seed = seed(path);
+    Ok(subjects.into_iter().map(|subject| (seed.clone(), subject)).collect())
+}
+
+/// Returns the seed and the set of a dataset of `synth`, which determine its people.
+fn seed(path: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(provenance(path)).ok()?;
+    Some(text.lines().next()?.split(", ").skip(1).take(2).collect())
 }
 
 /// How the faces look: for each picture a row with the feature map at some landmarks, and the pictures of both eyes.
@@ -175,9 +180,9 @@ fn columns(path: &Path) -> Result<[usize; COEFFS]> {
     Ok(columns)
 }
 
-fn ranks(numbers: &[(bool, i32)]) -> Vec<usize> {
-    let distinct: Vec<(bool, i32)> = numbers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
-    numbers.iter().map(|number| distinct.partition_point(|other| other < number)).collect()
+fn ranks(people: &[(Option<String>, i32)]) -> Vec<usize> {
+    let distinct: Vec<_> = people.iter().collect::<BTreeSet<_>>().into_iter().collect();
+    people.iter().map(|person| distinct.partition_point(|other| *other < person)).collect()
 }
 
 /// Converts a row of the array to landmarks and levels the irises, which some trackers leave at depth 0.
@@ -241,7 +246,7 @@ pub mod tests {
     }
 
     #[test]
-    fn pictures_of_datasets_follow_one_another_and_subjects_of_the_same_number_are_one_if_synth_made_both_or_neither() {
+    fn pictures_of_several_datasets_follow_one_another_and_subjects_of_the_same_number_and_seed_are_one() {
         let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
         let write = |index: usize, subjects: &[i32]| {
             written(folders[index].path(), [subjects.len() as u64; 4], subjects, &BLENDSHAPES).expect("written")

@@ -46,9 +46,9 @@ struct Cli {
 enum Command {
     /// Fit the model, score it on held-out subjects, and write it. If all datasets have `features`, the model also reads them
     Train {
-        /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same number in several
-        /// datasets of `synth` count as one person, because sets of the same seed show the same people. A dataset that is named
-        /// several times counts several times
+        /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same number count
+        /// as one person if `synth` made both datasets with the same seed, because these show the same people, or if it made
+        /// neither. A dataset that is named several times counts as often
         #[arg(required = true)]
         datasets: Vec<PathBuf>,
         /// The model file to write

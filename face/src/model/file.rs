@@ -15,8 +15,8 @@ use super::{
 
 /// The format of model files that this program reads.
 const FORMAT: u32 = 3;
-/// The blendshape that a table may lack, because no landmark lies on the tongue. Without an entry anywhere, it stays 0.
-const OPTIONAL: &str = "tongueOut";
+/// The last blendshape. It has no model, because no landmark lies on the tongue, and stays 0.
+const WITHOUT_MODEL: &str = "tongueOut";
 
 /// The content of a file: a hidden layer (offsets, inputs and blendshapes) or formulas.
 ///
@@ -354,21 +354,21 @@ pub(super) fn feature(table: &str, name: &str) -> Result<FeatureId, ModelError> 
     FeatureId::from_name(name).ok_or_else(|| unknown(table, name))
 }
 
-/// Returns the index of each blendshape, the name of its entry, and the entry. All but [`OPTIONAL`] need one.
+/// Returns the entry of each blendshape that needs one, its name, and the index of the blendshape.
 pub(super) fn blendshapes<'a, T>(
     table: &str,
     entries: &'a BTreeMap<String, T>,
 ) -> Result<Vec<(usize, String, &'a T)>, ModelError> {
-    if let Some(name) = entries.keys().find(|name| !BLENDSHAPES.contains(&name.as_str())) {
+    let needed = || BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != WITHOUT_MODEL);
+    if let Some(name) = entries.keys().find(|name| !needed().any(|(_, known)| known == name)) {
         return Err(unknown(table, name));
     }
-    let needed = |name: &str| name != OPTIONAL || entries.contains_key(name);
     let entry = |(index, name): (usize, &&str)| {
         let entry = format!("{table}.{name}");
         let found = entries.get(*name).ok_or_else(|| invalid(&entry, MISSING))?;
         Ok((index, entry, found))
     };
-    BLENDSHAPES.iter().enumerate().filter(|(_, name)| needed(name)).map(entry).collect()
+    needed().map(entry).collect()
 }
 
 /// Reads the offset and the weight of each unit for every blendshape. Units that the file does not have get 0.
@@ -426,11 +426,12 @@ pub(super) mod tests {
         let landmarks = APPEARANCE_LANDMARKS.iter().zip(rows.chunks(APPEARANCE_CHANNELS));
         let row = |offset: f64| ResidualRow { offset, weights: vec![2.0 * offset; APPEARANCE_UNITS] };
         let residual = Cases { neutral_known: row(0.25), neutral_unknown: row(0.5) };
+        let shapes = BLENDSHAPES.iter().filter(|name| **name != WITHOUT_MODEL);
         let appearance = AppearanceTable {
             scales: vec![0.125; APPEARANCE_UNITS],
             offsets: vec![-1.5; APPEARANCE_UNITS],
             landmarks: landmarks.map(|(name, rows)| (name.to_string(), AppearanceTable::encode(rows))).collect(),
-            blendshapes: BLENDSHAPES.iter().map(|name| ((*name).to_owned(), residual.clone())).collect(),
+            blendshapes: shapes.map(|name| ((*name).to_owned(), residual.clone())).collect(),
         };
         ModelFile { appearance: Some(appearance), ..ModelFile::parse(SHIPPED).expect("the shipped model is sound") }
     }
@@ -443,8 +444,11 @@ pub(super) mod tests {
         assert!(text.len() <= 1 << 20 && bytes.len() <= 1 << 20, "{} {}", text.len(), bytes.len());
         let layer = model.appearance.as_ref().expect("a layer");
         assert!((0..layer.weights.len()).all(|index| layer.weights[index] == index as i8));
-        assert_eq!(layer.outputs.neutral_unknown.weights[7 * COEFFS..][..COEFFS], [1.0; COEFFS]);
-        assert_eq!(layer.outputs.neutral_known.offsets, [0.25; COEFFS]);
+        assert_eq!(layer.outputs.neutral_unknown.weights[7 * COEFFS..][..COEFFS - 1], [1.0; COEFFS - 1]);
+        assert_eq!(
+            layer.outputs.neutral_known.offsets,
+            core::array::from_fn(|shape| if shape < 51 { 0.25 } else { 0.0 })
+        );
         assert_eq!(Model::from_bytes(&bytes), Some(model));
     }
 

@@ -178,9 +178,10 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_model_correlates_on_faces_of_another_renderer_and_tracker() {
+    fn the_shipped_model_correlates_on_held_out_people_of_another_renderer_and_tracker() {
         let Some(path) = reference::shared("dataset/train.npz") else { return };
-        let samples = dataset::load(&path).expect("a dataset");
-        assert_correlates(&samples, [(true, 0.68, 0.0125), (false, 0.62, 0.0155)]);
+        let mut samples = dataset::load(&path).expect("a dataset");
+        samples.retain(Sample::held_out);
+        assert_correlates(&samples, [(true, 0.68, 0.012), (false, 0.63, 0.0145)]);
     }
 }

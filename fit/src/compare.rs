@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_kinds_and_blendshapes_are_refused_with_the_known_ones() {
+    fn unknown_kinds_are_refused_with_the_known_ones_and_so_is_the_tongue() {
         let error = to_kinds(["ols", "lasso"]).kinds().err().unwrap().to_string();
         assert!(error.contains("lasso") && error.contains("ridge") && error.contains(trial::HIDDEN_LAYER), "{error}");
         assert!(modelled("tongueOut").is_err());

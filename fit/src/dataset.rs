@@ -1,6 +1,7 @@
 //! Datasets: landmarks with their true coefficients, as an npz archive with `names.json` beside it.
 
-use std::{collections::BTreeSet, path::Path};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
@@ -57,8 +58,8 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     load_all(&[path])
 }
 
-/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person if `synth`
-/// made both datasets with the same seed, because it shows the same people then, or if it made neither.
+/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person if
+/// `synth` made both datasets with the same seed, because it shows the same people then, or if it made neither.
 pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     let (mut samples, mut numbers) = (Vec::new(), Vec::new());
     for path in paths {
@@ -96,12 +97,12 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(Option<String>,
         neutral: meta[META - 1] > 0.5,
         mirrored: false,
     }));
-    let seed = seed(path);
-    Ok(subjects.into_iter().map(|subject| (seed.clone(), subject)).collect())
+    let people = people_of(path);
+    Ok(subjects.into_iter().map(|subject| (people.clone(), subject)).collect())
 }
 
 /// Returns the seed and the set of a dataset of `synth`, which determine its people.
-fn seed(path: &Path) -> Option<String> {
+fn people_of(path: &Path) -> Option<String> {
     let text = std::fs::read_to_string(provenance(path)).ok()?;
     Some(text.lines().next()?.split(", ").skip(1).take(2).collect())
 }
@@ -143,11 +144,11 @@ impl Appearances {
 /// Loads how the faces look, for this number of pictures in all. Returns `None` if an archive lacks the map.
 pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<Option<Appearances>> {
     let mut values = Vec::new();
-    for path in paths.iter().map(AsRef::as_ref) {
-        let mut arrays = Arrays::open(path)?;
-        if !arrays.has(FEATURES) {
-            return Ok(None);
-        }
+    let mut archives = paths.iter().map(|path| Arrays::open(path.as_ref())).collect::<Result<Vec<_>>>()?;
+    if !archives.iter().all(|arrays| arrays.has(FEATURES)) {
+        return Ok(None);
+    }
+    for arrays in &mut archives {
         values.extend(arrays.halves(FEATURES, &[Appearances::ROW])?);
     }
     let rows = values.len() / Appearances::ROW;
@@ -180,9 +181,18 @@ fn columns(path: &Path) -> Result<[usize; COEFFS]> {
     Ok(columns)
 }
 
+/// Numbers the people. Those of each seed begin at a multiple of [`HOLD_OUT_EVERY`], so that the same people are held out
+/// whichever datasets are read together.
 fn ranks(people: &[(Option<String>, i32)]) -> Vec<usize> {
-    let distinct: Vec<_> = people.iter().collect::<BTreeSet<_>>().into_iter().collect();
-    people.iter().map(|person| distinct.partition_point(|other| *other < person)).collect()
+    let (mut ranks, mut next, mut last) = (BTreeMap::new(), 0_usize, None);
+    for person in people.iter().collect::<BTreeSet<_>>() {
+        if last.replace(&person.0).is_some_and(|last| *last != person.0) {
+            next = next.next_multiple_of(HOLD_OUT_EVERY);
+        }
+        ranks.insert(person, next);
+        next += 1;
+    }
+    people.iter().map(|person| ranks[person]).collect()
 }
 
 /// Converts a row of the array to landmarks and levels the irises, which some trackers leave at depth 0.
@@ -246,8 +256,8 @@ pub mod tests {
     }
 
     #[test]
-    fn pictures_of_several_datasets_follow_one_another_and_subjects_of_the_same_number_and_seed_are_one() {
-        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
+    fn pictures_of_several_datasets_follow_one_another_and_subjects_of_the_same_number_are_one() {
+        let folders = [tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder")];
         let write = |index: usize, subjects: &[i32]| {
             written(folders[index].path(), [subjects.len() as u64; 4], subjects, &BLENDSHAPES).expect("written")
         };
@@ -255,14 +265,20 @@ pub mod tests {
         assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [2, 0, 3, 2, 1]);
         assert_eq!(samples.iter().map(|sample| sample.picture).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
         assert_eq!(samples[0].truth, samples[2].truth);
-        let rendered = write(2, &[7, 6]);
-        std::fs::write(provenance(&rendered), "synth").expect("written");
-        let samples = load_all(&[rendered, write(0, &[7, 5])]).expect("datasets");
-        assert_eq!(
-            samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(),
-            [3, 2, 1, 0],
-            "others made by synth"
-        );
+    }
+
+    #[test]
+    fn people_of_synth_are_told_apart_by_their_seed_and_each_seed_begins_at_a_multiple_of_eight() {
+        let folders = [(); 4].map(|()| tempfile::tempdir().expect("a folder"));
+        let write =
+            |folder: &tempfile::TempDir| written(folder.path(), [2; 4], &[7, 6], &BLENDSHAPES).expect("written");
+        let paths = folders.each_ref().map(write);
+        for (path, text) in paths.iter().zip(["seed 2, set Train, 9", "seed 1, set Train, 9", "seed 1, set Train, 6"]) {
+            std::fs::write(provenance(path), format!("synth edition 11, {text} pictures")).expect("written");
+        }
+        let samples = load_all(&paths).expect("datasets");
+        let subjects: Vec<usize> = samples.iter().map(|sample| sample.subject).collect();
+        assert_eq!(subjects, [17, 16, 9, 8, 9, 8, 1, 0], "the people of the last one are not by synth");
     }
 
     #[test]

@@ -37,16 +37,21 @@ pub fn train(
     keep: Option<&Path>,
     made_by: String,
 ) -> Result<ModelFile> {
+    let held_out = held_out(samples)?.len();
+    let seen = samples.len() - held_out;
+    let scored = format!("r and mse are those of {held_out} pictures of other subjects");
     let mut file = if let Some(path) = keep {
-        ensure!(appearances.is_some(), "the dataset has no features: render it with this version of synth");
-        let file = output::read_model(path)?;
-        ModelFile { appearance: None, made_by: format!("{made_by}; landmark model: {}", file.made_by), ..file }
-    } else {
-        let held_out = held_out(samples)?.len();
-        let fitted_on = format!(
-            "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
-            samples.len() - held_out
+        ensure!(
+            appearances.is_some(),
+            "--keep takes datasets with features alone: render them with this version of synth"
         );
+        let file = output::read_model(path)?;
+        let made_by = format!("{made_by}; landmark model: {}", file.made_by);
+        let landmarks = file.fitted_on.split(';').next().unwrap_or_default();
+        let fitted_on = format!("{seen} pictures; landmark model: {landmarks}; {scored}");
+        ModelFile { appearance: None, made_by, fitted_on, ..file }
+    } else {
+        let fitted_on = format!("{seen} pictures and their mirror images; {scored}");
         fit(&Design::new(&with_mirrored(samples)?)?, epochs, ModelFile::new(made_by, fitted_on))?
     };
     if let Some(appearances) = appearances {

@@ -48,7 +48,7 @@ pub enum Kind {
     Combined,
     /// A face, calm or not, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
     Gaze,
-    /// A face that puts out its tongue, or has the same mouth without it, in all ways in which mouths are open
+    /// An open mouth, wide, hardly, round or smiling, in six of ten cases with the tongue out
     Tongue,
     /// No expression, to teach what turning the head alone looks like
     Rest,
@@ -336,15 +336,7 @@ const VISEMES: [Viseme; 13] = [
 
 /// Mouths that put out a tongue: wide open, as in recordings; half open; nearly closed; round; and with a smile.
 const TONGUE_MOUTHS: [Viseme; 5] = [
-    &[
-        ("jawOpen", 0.65),
-        ("mouthStretch", 0.5),
-        ("mouthLowerDown", 0.43),
-        ("mouthShrugUpper", 0.37),
-        ("mouthUpperUp", 0.2),
-        ("mouthFunnel", 0.2),
-        ("mouthSmile", 0.15),
-    ],
+    &[("jawOpen", 0.65), ("mouthStretch", 0.5), ("mouthLowerDown", 0.43), ("mouthShrugUpper", 0.37)],
     &[("jawOpen", 0.4), ("mouthLowerDown", 0.3), ("mouthStretch", 0.2), ("mouthUpperUp", 0.1)],
     &[("jawOpen", 0.2), ("mouthLowerDown", 0.15), ("mouthShrugUpper", 0.15)],
     &[("jawOpen", 0.25), ("mouthFunnel", 0.35), ("mouthPucker", 0.35), ("mouthLowerDown", 0.15)],
@@ -390,12 +382,13 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_are_bounded_and_lips_close_no_further_than_the_jaw_is_open() {
+    fn coefficients_are_bounded_lips_close_no_further_than_the_jaw_is_open_and_no_tongue_passes_them_further() {
         let [close, open, tongue] = ["mouthClose", "jawOpen", "tongueOut"].map(index_of);
         for kind in Kind::value_variants() {
             for face in drawn(moments(200), &[(*kind, 1.0)], &[], 300) {
                 assert!(face.iter().all(|value| (0.0..=1.0).contains(value)), "{kind:?}");
-                assert!(face[close] <= face[open] && (face[tongue] == 0.0 || face[close] < face[open]), "{kind:?}");
+                let gap = face[open] - face[close];
+                assert!(gap >= 0.0 && face[tongue] <= gap / 0.15 + 1e-6, "{kind:?}");
             }
         }
         let out = |face: &&Coefficients| face[tongue] > 0.0;

@@ -111,8 +111,8 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
 // ARKit by the factor in `RATIOS`. Weights are divided by this factor, so that a coefficient of 1 means ARKit's
 // motion.
 
-/// Amplitude in the rig divided by the amplitude in ARKit, by name without the side. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes
-/// are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
+/// Amplitude in the rig divided by the amplitude in ARKit, by name without the side. `eyeLookIn` and `eyeLookOut` refer to
+/// the lids. Two shapes are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
 const RATIOS: [(&str, f32); 33] = [
     ("browDown", 0.74),
     ("browInnerUp", 0.56),

@@ -77,9 +77,10 @@ impl Renderer {
         let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.shape, out);
         self.light(assets, person.looks.wrinkles, scene);
         self.darken_mouth(assets);
-        for vertex in assets.below_tongue.iter().map(|vertex| *vertex as usize) {
-            let share = tongue.as_ref().map_or(1.0, |tongue| light_beside(tongue, self.shape[vertex]));
-            self.head.lit[vertex].diffuse *= share;
+        if let Some(tongue) = &tongue {
+            for vertex in assets.below_tongue.iter().map(|vertex| *vertex as usize) {
+                self.head.lit[vertex].diffuse *= light_beside(tongue, self.shape[vertex]);
+            }
         }
         let (canvas, head) = (&mut self.canvas, &self.head);
         let painter = Painter::new(assets, person, (&head.points, &head.normals, &head.lit), &scene.lighting);

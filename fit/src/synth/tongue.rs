@@ -28,7 +28,7 @@ const MOST_OF_MOUTH: f32 = 0.37;
 pub struct Tongue {
     half_width: f32,
     half_height: f32,
-    /// How far the tip is before the lower lip at a coefficient of 1.
+    /// Length before the lower lip at a coefficient of 1, along the tongue.
     length: f32,
     /// Length of the round tip, and the exponent of its outline: 2 for an ellipse, less if it is pointed.
     tip: (f32, f32),

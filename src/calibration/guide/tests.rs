@@ -98,7 +98,7 @@ fn wearer_who_follows_is_done_within_30_s_and_gets_gains_within_bounds() {
     let gain = |name| calibration.profile.gain[index(name)];
     let shut = guide().model.correction.0[0].correct(0.6, calibration.profile.rest[0], gain("eyeBlinkLeft"));
     assert!(shut > 0.95, "lids are brought to 1: {shut}");
-    assert!((1.02..1.1).contains(&gain("eyeLookOutLeft")), "weak poses are strengthened");
+    assert!((1.08..1.13).contains(&gain("eyeLookOutLeft")), "weak poses are strengthened");
     assert_eq!(["cheekPuff", "mouthSmileLeft"].map(gain), [1.0; 2], "no pose tells about these");
     let strong = follow_all(1.6).0.unwrap();
     assert!((strong.profile.gain[index("eyeBlinkLeft")] - 0.6).abs() < 1e-6);
@@ -169,7 +169,7 @@ fn poses_are_taken_again_or_left_out_with_the_reason() {
     assert_eq!(ends_too_early.0, (1, Some(Refusal::TooShort), vec![]));
     let slow = run(|take, since_s| pose(take, (0.4 * since_s).min(0.9)));
     assert_eq!(slow.0, (0, None, vec![]));
-    assert!((0.97..0.99).contains(&slow.1[index("eyeLookOutLeft")]), "a slow pose is measured at its end");
+    assert!((0.98..1.01).contains(&slow.1[index("eyeLookOutLeft")]), "a slow pose is measured at its end");
     let face_is_lost = run(|take, since_s| match take {
         Take::JawOpen if (1.0..3.0).contains(&since_s) => Err(Refusal::NoFace),
         Take::LookLeft => shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),

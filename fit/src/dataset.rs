@@ -59,7 +59,7 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
 }
 
 /// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person if
-/// `synth` made both datasets with the same seed, because it shows the same people then, or if it made neither.
+/// `synth` made both datasets with the same seed and `--set`, which then show the same people, or if it made neither.
 pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     let (mut samples, mut numbers) = (Vec::new(), Vec::new());
     for path in paths {
@@ -71,7 +71,7 @@ pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
-/// Appends the pictures of a dataset, and returns for each the seed of its people and the number of its subject.
+/// Appends the pictures of a dataset, and returns for each the origin of its people ([`people_of`]) and its subject's number.
 fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(Option<String>, i32)>> {
     let columns = columns(&path.with_file_name("names.json"))?;
     let mut arrays = Arrays::open(path)?;
@@ -101,7 +101,7 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<(Option<String>,
     Ok(subjects.into_iter().map(|subject| (people.clone(), subject)).collect())
 }
 
-/// Returns the seed and the set of a dataset of `synth`, which determine its people.
+/// Returns the seed and the set of a dataset of `synth`, which determine its people, or `None` for other datasets.
 fn people_of(path: &Path) -> Option<String> {
     let text = std::fs::read_to_string(provenance(path)).ok()?;
     Some(text.lines().next()?.split(", ").skip(1).take(2).collect())
@@ -181,8 +181,8 @@ fn columns(path: &Path) -> Result<[usize; COEFFS]> {
     Ok(columns)
 }
 
-/// Numbers the people. Those of each seed begin at a multiple of [`HOLD_OUT_EVERY`], so that the same people are held out
-/// whichever datasets are read together.
+/// Numbers the people. Those of each origin begin at a multiple of [`HOLD_OUT_EVERY`], so that datasets with other people do
+/// not change who is held out.
 fn ranks(people: &[(Option<String>, i32)]) -> Vec<usize> {
     let (mut ranks, mut next, mut last) = (BTreeMap::new(), 0_usize, None);
     for person in people.iter().collect::<BTreeSet<_>>() {
@@ -270,9 +270,8 @@ pub mod tests {
     #[test]
     fn people_of_synth_are_told_apart_by_their_seed_and_each_seed_begins_at_a_multiple_of_eight() {
         let folders = [(); 4].map(|()| tempfile::tempdir().expect("a folder"));
-        let write =
-            |folder: &tempfile::TempDir| written(folder.path(), [2; 4], &[7, 6], &BLENDSHAPES).expect("written");
-        let paths = folders.each_ref().map(write);
+        let paths =
+            folders.each_ref().map(|folder| written(folder.path(), [2; 4], &[7, 6], &BLENDSHAPES).expect("written"));
         for (path, text) in paths.iter().zip(["seed 2, set Train, 9", "seed 1, set Train, 9", "seed 1, set Train, 6"]) {
             std::fs::write(provenance(path), format!("synth edition 11, {text} pictures")).expect("written");
         }

@@ -125,7 +125,7 @@ pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec
     Ok(curves)
 }
 
-/// Returns the time of the regression for one of pictures `rows`.
+/// Returns the nanoseconds that the regression takes for one of the pictures `rows`.
 pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64> {
     let features: Vec<&Features> = rows.iter().map(|row| &faces.features[*row]).collect();
     fastest_ns(&features, |features| Ok(model.process(features)?))

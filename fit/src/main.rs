@@ -47,8 +47,8 @@ enum Command {
     /// Fit the model, score it on held-out subjects, and write it. If all datasets have `features`, the model also reads them
     Train {
         /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same number count
-        /// as one person if `synth` made both datasets with the same seed, because these show the same people, or if it made
-        /// neither. A dataset that is named several times counts as often
+        /// as one person if `synth` made both datasets with the same seed and `--set`, because these show the same people, or if it made
+        /// neither. A dataset that is named twice counts twice
         #[arg(required = true)]
         datasets: Vec<PathBuf>,
         /// The model file to write

@@ -24,6 +24,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Writes results as JSON if a path is given.
 pub fn write_json(path: Option<&Path>, value: &Value) -> Result<()> {
     path.map_or(Ok(()), |path| write(path, serde_json::to_string_pretty(value)?))
 }

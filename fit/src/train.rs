@@ -28,8 +28,8 @@ pub const EPOCHS: u32 = 60;
 const RATE: f32 = 2e-3;
 const SEED: u64 = 1;
 
-/// Fits a model to a dataset, and then the part that reads how a face looks to what the landmarks leave unexplained. If
-/// there is a model file to `keep`, its landmark part stays. The held-out subjects only serve to score the model.
+/// Fits the part of a model that reads landmarks, or takes it from the model file `keep`; then fits the part that reads how
+/// a face looks to what the landmarks leave unexplained. The held-out subjects only serve to score the model.
 pub fn train(
     samples: &[Sample],
     appearances: Option<&Appearances>,
@@ -41,10 +41,7 @@ pub fn train(
     let seen = samples.len() - held_out;
     let scored = format!("r and mse are those of {held_out} pictures of other subjects");
     let mut file = if let Some(path) = keep {
-        ensure!(
-            appearances.is_some(),
-            "--keep takes datasets with features alone: render them with this version of synth"
-        );
+        ensure!(appearances.is_some(), "--keep needs features in all datasets: render them with this version of synth");
         let file = output::read_model(path)?;
         let made_by = format!("{made_by}; landmark model: {}", file.made_by);
         let landmarks = file.fitted_on.split(';').next().unwrap_or_default();

@@ -172,7 +172,7 @@ impl Clip {
         self.faces.iter().map(|face| playback.show(face)).collect()
     }
 
-    /// Sums up what was shown in some frames. The person's neutral face was taken from the first `neutral_frames`.
+    /// Sums up `shown`, which is what `frames` show. The person's neutral face was taken from the first `neutral_frames`.
     pub fn person(&self, shown: &[Shown], frames: Range<usize>, neutral_frames: u64) -> Person {
         let faces = SolvedFaces {
             estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
@@ -198,7 +198,7 @@ fn track(film: &Path) -> Result<Vec<TrackedFrame>> {
     std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }
 
-/// Returns the solver and the failsafe with the default settings. Without a tracker, they show faces that have been found.
+/// Returns the solver and the failsafe with the default settings. Without a tracker, they show faces that were found before.
 pub fn playback(tracker: Option<Tracker>, model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
     let settings = Settings::default();
     let mut solver = Solver::new(model.clone(), profile, shaping(&settings));

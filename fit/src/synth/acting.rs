@@ -48,7 +48,7 @@ pub enum Kind {
     Combined,
     /// A face, calm or not, perhaps with lowered lids, whose eyes look anywhere, often nearly ahead
     Gaze,
-    /// An open mouth, wide, hardly, round or smiling, in six of ten cases with the tongue out
+    /// A mouth wide open, half open, nearly closed, round or smiling, in six of ten cases with the tongue out
     Tongue,
     /// No expression, to teach what turning the head alone looks like
     Rest,
@@ -80,7 +80,7 @@ impl Expressions {
             Kind::Combined => combined(rng),
             Kind::Gaze => self.moments.looking(rng),
             Kind::Halves => self.moments.halves(rng),
-            Kind::Tongue => self.moments.with_tongue(rng),
+            Kind::Tongue => self.moments.tongue_mouth(rng),
             Kind::Rest => [0.0; COEFFS],
         };
         constrain(rng, &mut face);
@@ -228,8 +228,8 @@ impl Moments {
         scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
     }
 
-    /// Returns a face whose open mouth lets the tongue out, far or not at all.
-    fn with_tongue(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    /// Returns a face with an open mouth, in six of ten cases with the tongue out, anywhere up to fully.
+    fn tongue_mouth(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let upper = self.source(rng);
         let mut face = scaled(rng, upper, SCALE);
         let mouth = self::face(TONGUE_MOUTHS[rng.random_range(0..TONGUE_MOUTHS.len())]);

@@ -105,14 +105,10 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
     Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)
 }
 
-// The amplitude of the rig's shapes relative to ARKit's.
-//
-// A shape's amplitude is its largest displacement divided by the distance of the eyes. It differs between rig and
-// ARKit by the factor in `RATIOS`. Weights are divided by this factor, so that a coefficient of 1 means ARKit's
-// motion.
-
-/// Amplitude in the rig divided by the amplitude in ARKit, by name without the side. `eyeLookIn` and `eyeLookOut` refer to
-/// the lids. Two shapes are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
+/// Amplitude of the rig's shapes divided by that of ARKit's, by name without the side. The amplitude is the largest
+/// displacement divided by the distance of the eyes. Weights are divided by this factor, so that a coefficient of 1 means
+/// ARKit's motion. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes are defined by contact instead: `eyeBlink`
+/// shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
 const RATIOS: [(&str, f32); 33] = [
     ("browDown", 0.74),
     ("browInnerUp", 0.56),

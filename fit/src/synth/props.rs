@@ -18,7 +18,7 @@ pub struct Prop {
     pub colours: Vec<Vec3>,
     pub triangles: Vec<Triangle>,
     pub lens: Option<Lens>,
-    /// Upper and lower lip in the middle, between which it lies and is moist.
+    /// For a tongue: the middle of both lips. It is moist, and the darker the farther it lies behind them.
     pub lips: Option<[Vec3; 2]>,
 }
 

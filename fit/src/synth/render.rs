@@ -39,7 +39,7 @@ pub struct Renderer {
     least_density: f32,
     canvas: Canvas,
     shadow: DepthMap,
-    /// The head, before and after it is placed before the camera.
+    /// The vertices of the head with its expression, not yet placed before the camera.
     shape: Vec<Vec3>,
     head: Placed,
     sky: Vec<f32>,
@@ -72,7 +72,8 @@ impl Renderer {
         self.canvas.clear(self.density(scene));
         assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
         let shoulders = assets.shoulder.iter().copied();
-        self.head.place(scene, self.canvas.density, (&self.shape, &assets.surface), shoulders);
+        self.head.points.clone_from(&self.shape);
+        self.head.place(scene, self.canvas.density, &assets.surface, shoulders);
         let out = scene.weights[*TONGUE_OUT];
         let tongue = scene.tongue.build(&assets.rig, &assets.below_tongue, &self.shape, out);
         self.light(assets, person.looks.wrinkles, scene);
@@ -175,15 +176,8 @@ fn eye_lifts(scene: &Scene) -> [f32; 2] {
 }
 
 impl Placed {
-    /// Places a mesh. `shoulder` is the weight of the shoulders' rotation for each point.
-    fn place(
-        &mut self,
-        scene: &Scene,
-        density: Vec2,
-        (points, triangles): (&Vec<Vec3>, &[Triangle]),
-        shoulder: impl IntoIterator<Item = f32>,
-    ) {
-        self.points.clone_from(points);
+    /// Places the points of a mesh before the camera. `shoulder` tells how much each turns with the shoulders.
+    fn place(&mut self, scene: &Scene, density: Vec2, triangles: &[Triangle], shoulder: impl Iterator<Item = f32>) {
         scene.placement.place(&mut self.points, shoulder);
         self.normals.resize(self.points.len(), Vec3::ZERO);
         normals_into(&self.points, triangles, &mut self.normals);
@@ -196,7 +190,8 @@ impl Placed {
     }
 
     fn draw(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
-        self.place(scene, canvas.density, (&prop.points, &prop.triangles), core::iter::repeat(0.0));
+        self.points.clone_from(&prop.points);
+        self.place(scene, canvas.density, &prop.triangles, core::iter::repeat(0.0));
         match prop.lens {
             Some(lens) => self.draw_lens(canvas, prop, scene, lens),
             None => self.draw_opaque(canvas, prop, scene, shadow),

@@ -33,7 +33,7 @@ const CONDITIONS: u64 = u16::MAX as u64;
 const TONGUE: u64 = CONDITIONS - 1;
 /// Bits of the streams from which a picture's occluders, and the direction of its tongue, are drawn.
 const OCCLUDERS: u64 = 1 << 63;
-const DIRECTIONS: u64 = 1 << 62;
+const TONGUE_DIRECTION: u64 = 1 << 62;
 
 pub struct Variety {
     pub textures: TextureChoice,
@@ -85,9 +85,9 @@ impl Subject {
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
         let mut backdrop = Backdrop::random(rng_ref, size, room);
         let effects = random_effects(rng_ref);
-        let mut conditions_rng = beside(&rng, stream(number, CONDITIONS));
+        let mut conditions_rng = on_stream(&rng, stream(number, CONDITIONS));
         let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
-        let mut tongue_rng = beside(&ChaCha8Rng::seed_from_u64(seed), stream(number, TONGUE));
+        let mut tongue_rng = on_stream(&ChaCha8Rng::seed_from_u64(seed), stream(number, TONGUE));
         without.simplify_person(&mut identity, &mut looks);
         without.simplify_size(&mut share, &mut distance);
         without.simplify_lighting(&mut lighting);
@@ -150,8 +150,8 @@ impl Subject {
 
     /// Returns what is on and before the face, and where the tongue points to, drawn from streams beside that of `rng`.
     fn props(&self, rng: &ChaCha8Rng) -> (Vec<Arc<Prop>>, Tongue) {
-        let tongue = self.tongue.aimed(&mut beside(rng, rng.get_stream() | DIRECTIONS));
-        let mut rng = beside(rng, rng.get_stream() | OCCLUDERS);
+        let tongue = self.tongue.aimed(&mut on_stream(rng, rng.get_stream() | TONGUE_DIRECTION));
+        let mut rng = on_stream(rng, rng.get_stream() | OCCLUDERS);
         let mut props = self.worn.clone();
         if rng.random_bool(self.conditions.occluded) {
             let hair = self.person.looks.hair.map_or(Vec3::splat(0.03), |(colour, _)| colour);
@@ -173,8 +173,8 @@ impl Subject {
     }
 }
 
-/// Returns the generator that has drawn as many numbers of another stream.
-fn beside(rng: &ChaCha8Rng, stream: u64) -> ChaCha8Rng {
+/// Returns the same generator on another stream, at the same position.
+fn on_stream(rng: &ChaCha8Rng, stream: u64) -> ChaCha8Rng {
     let mut rng = rng.clone();
     rng.set_stream(stream);
     rng

@@ -1,5 +1,5 @@
-//! A tongue between the lips, in the shape of `tongueOut`, for which the rig has no shape. It is built around a line
-//! from the middle of the mouth over the lower lip, which the jaw, teeth and lip below push up where they are in its way.
+//! A tongue for `tongueOut`, for which the rig has no shape. It is built around a line from the back of the mouth over
+//! the lower lip. Lower teeth, lower lip and chin push this line up where they are in its way.
 
 use core::f32::consts::TAU;
 
@@ -14,10 +14,10 @@ use super::rig::{Rig, normal, piecewise, smoothstep, vertices_of};
 /// Rings of vertices along the tongue, and vertices of a ring.
 const RINGS: u16 = 36;
 const AROUND: u16 = 40;
-/// Length of the tongue behind the lower lip in centimetres. No picture shows its end.
-const INSIDE: f32 = 3.5;
-/// A coefficient, and how far the tip is then before the lower lip in centimetres. At 0, there is no tongue.
-const AT_LIP: (f32, f32) = (0.3, 0.7);
+/// Length of the tongue behind the lower lip in centimetres. No picture shows its back end.
+const BEHIND_LIP: f32 = 3.5;
+/// A coefficient, and how far the tip is then in front of the lower lip in centimetres. At 0, there is no tongue.
+const JUST_OUT: (f32, f32) = (0.3, 0.7);
 /// Lips with a smaller gap are shut, and let no tongue pass, in centimetres.
 const SHUT: f32 = 0.2;
 /// Largest half width, as a share of the distance of the mouth's corners.
@@ -28,7 +28,7 @@ const MOST_OF_MOUTH: f32 = 0.37;
 pub struct Tongue {
     half_width: f32,
     half_height: f32,
-    /// Length before the lower lip at a coefficient of 1, along the tongue.
+    /// Length in front of the lower lip at a coefficient of 1, along the tongue.
     length: f32,
     /// Length of the round tip, and the exponent of its outline: 2 for an ellipse, less if it is pointed.
     tip: (f32, f32),
@@ -78,14 +78,14 @@ impl Tongue {
         let half_height = self.half_height.min(0.2 + 0.3 * gap);
         // The lower lip rises towards its corners, and the tongue with it.
         let rise = (f32::midpoint(right.y, left.y) - lower.y).max(0.0) * (2.0 * half_width / mouth).powi(2);
-        let reach = piecewise(&[(0.0, -INSIDE), AT_LIP, (1.0, self.length)], out);
+        let reach = piecewise(&[(0.0, -BEHIND_LIP), JUST_OUT, (1.0, self.length)], out);
         let mut prop = Prop { lips: Some([upper, lower]), ..Prop::default() };
         let mut bumps = ChaCha8Rng::seed_from_u64(self.bumps);
-        let lowered = 0.8 * smoothstep(AT_LIP.0, 0.0, out);
-        let mut centre = lower + Vec3::new(0.0, 0.7 * half_height - lowered + 0.1 * INSIDE, -INSIDE);
-        let mut before = -INSIDE;
+        let lowered = 0.8 * smoothstep(JUST_OUT.0, 0.0, out);
+        let mut centre = lower + Vec3::new(0.0, 0.7 * half_height - lowered + 0.1 * BEHIND_LIP, -BEHIND_LIP);
+        let mut before = -BEHIND_LIP;
         for ring in 0..=RINGS {
-            let to_tip = (reach + INSIDE) * (1.0 - f32::from(ring) / f32::from(RINGS)).powf(1.6);
+            let to_tip = (reach + BEHIND_LIP) * (1.0 - f32::from(ring) / f32::from(RINGS)).powf(1.6);
             let along = reach - to_tip;
             let sideways = self.aim.x * smoothstep(-0.5, 1.5, along);
             let down = 0.1 + (self.aim.y * (0.4 + 0.6 * out) - 0.1) * smoothstep(-0.3, 2.2, along);

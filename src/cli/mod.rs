@@ -16,7 +16,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, Settings};
+use crate::config::{self, Faults, LinkSettings, Settings};
 use crate::link::{Link, check_settings};
 use crate::service;
 use facewire_board::{self as board, Machine};
@@ -162,11 +162,7 @@ impl Command {
             }
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check { settings, settings_only } => check::run(&settings, settings_only),
-            Self::Rest(arguments) => arguments.load()?.links.iter().try_for_each(|link| match Link::rest(link) {
-                Some(Ok(())) => print(&format!("{link}: released\n")),
-                Some(Err(error)) => print(&format!("{error}\n")),
-                None => Ok(()),
-            }),
+            Self::Rest(arguments) => rest(&arguments.load()?.links),
             Self::Devices { scan: Some(device), .. } => devices::scan(&device),
             Self::Devices { json, .. } => devices::run(json),
             Self::Defaults { schema: true, .. } => print(&format!("{}\n", config::schema())),
@@ -176,6 +172,15 @@ impl Command {
             }
         }
     }
+}
+
+/// Releases the servos of all links before it prints anything, and fails if those of a link cannot be reached.
+fn rest(links: &[LinkSettings]) -> Result<(), Failure> {
+    let outcomes = links.iter().filter_map(|link| Some(Link::rest(link)?.map(|()| format!("{link}: released\n"))));
+    let (released, failed): (Vec<_>, Vec<_>) = outcomes.partition(Result::is_ok);
+    released.into_iter().flatten().try_for_each(|line| print(&line))?;
+    let errors: Vec<String> = failed.into_iter().filter_map(Result::err).map(|error| error.to_string()).collect();
+    if errors.is_empty() { Ok(()) } else { Err(Failure::unavailable(errors.join("\n"))) }
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

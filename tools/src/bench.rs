@@ -153,7 +153,6 @@ fn report_text(
     let (root, NetworkSettings { engine, threads, .. }) = (board::root(), &settings.networks);
     let CameraSettings { width, height, fps, format, .. } = &settings.camera;
     let (engine, format) = (engine.name(), format.name());
-    // The settings that matter for speed.
     let in_force = format!(
         "networks.engine {engine}, networks.threads {threads}, camera {width} x {height} at {fps}/s in format {format}"
     );

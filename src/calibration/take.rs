@@ -29,16 +29,16 @@ pub(super) struct Expected {
 pub(super) fn expected(take: Take) -> Expected {
     let (raises, threshold, lids, typical): (&[_], _, _, _) = match take {
         Take::Neutral => (&[], 0.0, f32::INFINITY, (1.0, 0.0)),
-        Take::EyesShut => (&LIDS, 0.45, f32::INFINITY, (0.81, 1.0)),
+        Take::EyesShut => (&LIDS, 0.45, f32::INFINITY, (0.82, 1.0)),
         Take::JawOpen => (&["jawOpen"], 0.3, 0.5, (1.0, 0.0)),
         Take::BrowsUp => (&["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25, 0.5, (1.0, 0.0)),
-        Take::BrowsDown => (&["browDownLeft", "browDownRight"], 0.25, 0.8, (0.28, 0.25)),
+        Take::BrowsDown => (&["browDownLeft", "browDownRight"], 0.25, 0.8, (0.26, 0.25)),
         Take::Smile => (&["mouthSmileLeft", "mouthSmileRight"], 0.25, 0.8, (1.0, 0.0)),
         Take::Pucker => (&["mouthPucker"], 0.25, 0.5, (1.0, 0.0)),
         Take::LookLeft => (&["eyeLookOutLeft", "eyeLookInRight"], 0.3, 0.5, (0.89, 0.25)),
         Take::LookRight => (&["eyeLookInLeft", "eyeLookOutRight"], 0.3, 0.5, (0.89, 0.25)),
-        Take::LookUp => (&["eyeLookUpLeft", "eyeLookUpRight"], 0.2, 0.5, (0.77, 0.25)),
-        Take::LookDown => (&["eyeLookDownLeft", "eyeLookDownRight"], 0.2, 0.8, (0.71, 0.25)),
+        Take::LookUp => (&["eyeLookUpLeft", "eyeLookUpRight"], 0.2, 0.5, (0.80, 0.25)),
+        Take::LookDown => (&["eyeLookDownLeft", "eyeLookDownRight"], 0.2, 0.8, (0.65, 0.25)),
     };
     Expected { raises, threshold, lids, typical }
 }

@@ -100,13 +100,12 @@ fn set_cpu(cpu: usize) -> io::Result<()> {
     Ok(sched_setaffinity(None, &set)?)
 }
 
-/// Locks all present memory of the process, and loads the parts that are not in RAM yet: code, networks, heap, and the
-/// whole stacks of all threads.
+/// Locks all present memory of the process in RAM: code, networks, heap, and the whole stacks of all threads.
 ///
 /// Afterwards no frame causes a page fault: the networks have run once, and the memory that they and the decoder allocate
 /// for each frame stays in the heap. Future memory is not locked (`MCL_FUTURE`), because allocations beyond the memory
 /// lock limit would then fail. The supervisor therefore calls this again after a camera was opened or settings were
-/// changed.
+/// changed, and with each status line, because a thread that has begun since has memory of its own.
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(io::Error::from);
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")

@@ -126,6 +126,7 @@ impl Supervisor {
         if !is_asked && self.log.last_status.is_some_and(|(last, _)| last.elapsed() < STATUS_PERIOD) {
             return;
         }
+        self.lock_memory();
         notify(NotifyState::Status(&self.log.status(&self.counters)));
         let refused = |panel: &Arc<Panel>| Some(format!("link {}: {}", panel.receiver, panel.refusal()?));
         match self.counters.panels().iter().find_map(refused) {

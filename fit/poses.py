@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Finds the typical readings of the poses of a calibration, and the powers of their gains, for the built-in model.
 
-The figures stand in src/calibration/take.rs. They depend on the model, so find them again after `train` and `tune
-correction`, with a program that contains the new model. FOLDER has clips of `facewire-fit film --script wearer`. A reading
+The figures stand in src/calibration/take.rs. They depend on the model, so find them again after `train`, `tune
+correction` and `models/eyes/train.py`, with a program that contains the new model. FOLDER has clips of `facewire-fit film --script wearer`. A reading
 is the median of the regression while the pose is held, less the rest of the neutral face. The power has the least mean
 squared error over the judged part of the clips; `crossed` is the error of each half of the people with the figures of
 the other half, which tells whether a gain carries over.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::dataset::Sample;
 use crate::faces::Faces;
 
-/// Number of blendshapes that the model predicts: all but the last, `tongueOut`, which no landmark shows.
+/// Number of blendshapes that the model predicts: all but the last, `tongueOut`.
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;
 const BLOCK: usize = 4096;
 

@@ -2,7 +2,7 @@
 """Trains the network of the eyes, and the layer that turns its values into the direction of the gaze.
 
     pip install numpy torch
-    models/eyes/train.py faces/gaze/faces.npz
+    models/eyes/train.py faces/{gaze,sharp,halves}/faces.npz
 
 The archives are those of `facewire-fit synth`. The network (`models/eyes.fwnet`) reads the grey picture of one eye; the left
 one is mirrored. The layer, the table `[eyes]` of `models/blendshapes.toml`, reads the network's values for both eyes, some
@@ -166,6 +166,7 @@ def train(faces, epochs):
     both = torch.cat([inputs, inputs[:, MIRRORED] * SIGNS])
     gaze = Gaze(both.mean(0), both.std(0) + 1e-3).to(memory_format=torch.channels_last)
     steps, started = len(faces.seen) // BATCH, time.time()
+    print(f"{len(faces.seen)} faces with open eyes")
     optimiser = torch.optim.AdamW(gaze.parameters(), RATE, weight_decay=DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * steps, pct_start=0.1)
     for epoch in range(epochs):

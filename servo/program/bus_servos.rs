@@ -87,6 +87,7 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
     let both = rest(&[link(Path::new("/dev/nothing"), "feetech-sts"), link(&bus.device, "feetech-sts")].concat());
     assert!(both.sentences(69)[0].contains("/dev/nothing: there is no such"));
     assert!(both.out.contains(": released"), "what can be reached is released");
+    eventually("a message to the servos", || !bus.lock().written.is_empty());
     assert_eq!(rest("").succeeded().out, "");
 }
 

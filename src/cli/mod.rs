@@ -178,9 +178,9 @@ impl Command {
 fn rest(links: &[LinkSettings]) -> Result<(), Failure> {
     let outcomes = links.iter().filter_map(|link| Some(Link::rest(link)?.map(|()| format!("{link}: released\n"))));
     let (released, failed): (Vec<_>, Vec<_>) = outcomes.partition(Result::is_ok);
-    released.into_iter().flatten().try_for_each(|line| print(&line))?;
+    let printed = released.into_iter().flatten().try_for_each(|line| print(&line));
     let errors: Vec<String> = failed.into_iter().filter_map(Result::err).map(|error| error.to_string()).collect();
-    if errors.is_empty() { Ok(()) } else { Err(Failure::unavailable(errors.join("\n"))) }
+    if errors.is_empty() { printed } else { Err(Failure::unavailable(errors.join("\n"))) }
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

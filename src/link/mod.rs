@@ -162,7 +162,7 @@ impl Link {
         settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
     }
 
-    /// Switches off servos that hold their last position. Fails if the system says that another program has their device.
+    /// Switches off servos that hold their last position. Fails if their device is away, or if another program has it.
     pub fn rest(settings: &LinkSettings) -> Option<Result<(), LinkError>> {
         let end_pulses = |it: &Pca9685Settings| {
             let mut bus = pca9685::Bus::open(it)?;

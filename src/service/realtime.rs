@@ -105,7 +105,7 @@ fn set_cpu(cpu: usize) -> io::Result<()> {
 /// Afterwards no frame causes a page fault: the networks have run once, and the memory that they and the decoder allocate
 /// for each frame stays in the heap. Future memory is not locked (`MCL_FUTURE`), because allocations beyond the memory
 /// lock limit would then fail. The supervisor therefore calls this again after a camera was opened or settings were
-/// changed, and with each status line, because a thread that has begun since has memory of its own.
+/// changed, and with each status line, because a thread that begins later has a heap of its own.
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(io::Error::from);
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")

@@ -15,7 +15,7 @@ use super::{
 
 /// The format of model files that this program reads.
 const FORMAT: u32 = 3;
-/// The last blendshape. It has no model, because no landmark lies on the tongue, and stays 0.
+/// The last blendshape. It has no model and stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
 
 /// The content of a file: a hidden layer (offsets, inputs and blendshapes) or formulas.

@@ -184,6 +184,7 @@ fn unlocked(service: &Service) -> Vec<String> {
 #[test]
 fn locked_memory_is_all_resident_and_frames_fault_no_page() {
     let (mut service, receiver) = Service::live(&format!("{DEMO}[realtime]\nlock_memory = true\n"));
+    receiver.live_packets(WARM_UP);
     let (at_first_kib, lines) = (service.kib("VmLck:"), service.logged("fps="));
     // A thread that begins late has a heap of its own, which the next status line locks.
     service.signal(Signal::USR1);

@@ -27,7 +27,7 @@ pub const STANDARD_OUTPUT: &str = "standard output";
 #[derive(Debug)]
 pub struct Failure {
     status: u8,
-    /// One sentence for the operator, or a line for each fault of the settings or each link.
+    /// One sentence for the operator, or a line for each fault of the settings or for each link that failed.
     pub message: String,
 }
 

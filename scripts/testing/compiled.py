@@ -1,0 +1,81 @@
+"""Keeps what cargo has compiled of registry crates, so that each checkout of a machine need not compile it again.
+
+A compiled crate depends on its source, its features, its profile and the compiler, which cargo puts into the names of its files,
+and not on the checkout. Crates of this repository are never kept: cargo judges them by the times of their files, which differ
+between checkouts.
+"""
+
+import contextlib
+import fcntl
+import os
+import pathlib
+import re
+import shutil
+
+# The names of the packages of this repository begin so.
+OWN = "facewire"
+# What a compiler writes under another name first and renames, so that a link to the kept file never changes it.
+LINKED = {".rlib", ".rmeta", ".so"}
+
+
+def units(profile):
+    """Yields the files of the registry crates in a folder of cargo that has a folder `.fingerprint`."""
+    names = [name for name in os.listdir(profile / ".fingerprint") if not name.startswith(OWN)]
+    hashes = {name.rpartition("-")[2] for name in names}
+    for name in names:
+        for folder in (profile / ".fingerprint" / name, profile / "build" / name):
+            yield from (path for path in folder.rglob("*") if path.is_file())
+    for path in (profile / "deps").iterdir():
+        found = re.search(r"-([0-9a-f]{16})\.", path.name)
+        if found and found[1] in hashes:
+            yield path
+
+
+def copy(source, target):
+    """Adds to the folder `target` the registry crates of the folder `source` that it lacks. Returns the number of files."""
+    count = 0
+    for fingerprints in sorted(source.rglob(".fingerprint")):
+        for path in units(fingerprints.parent):
+            to = target / path.relative_to(source)
+            if to.exists():
+                continue
+            to.parent.mkdir(parents=True, exist_ok=True)
+            place(path, to)
+            count += 1
+    return count
+
+
+def place(path, to):
+    """Links or copies a file. The time stays, because cargo compares it."""
+    if path.suffix in LINKED:
+        try:
+            os.link(path, to)
+            return
+        except OSError:
+            # The cache is on another file system.
+            pass
+    shutil.copy2(path, to)
+
+
+
+
+@contextlib.contextmanager
+def kept(cache):
+    """Locks the folder of the cache that holds compiled crates, and gives its path. One checkout at a time uses it."""
+    folder = cache / "compiled"
+    folder.mkdir(parents=True, exist_ok=True)
+    with (cache / "compiled.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield folder
+
+
+def take(cache, target):
+    """Fills a target folder with the crates that this machine has compiled before."""
+    with kept(cache) as folder:
+        copy(folder, target)
+
+
+def give(cache, target):
+    """Keeps the crates that a target folder holds."""
+    with kept(cache) as folder:
+        copy(target, folder)

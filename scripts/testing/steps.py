@@ -1,0 +1,290 @@
+#!/usr/bin/env python3
+"""Runs the steps of scripts/test, which calls it: in their order, some beside each other, and only those that this machine has
+not proven yet. steps.toml describes the steps."""
+
+import argparse
+import dataclasses
+import fnmatch
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+
+import compiled
+import proof
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+# The step in which the tests of all crates pass.
+TESTS = "unit"
+# How many steps run beside each other. Few of them keep two cores busy all the time.
+BESIDE = int(os.environ.get("FACEWIRE_STEPS", "3"))
+# The exit status of a step that this machine cannot run. Its last line says why.
+SKIPPED = 77
+# How often a line says what runs.
+PROGRESS_S = 60
+
+
+@dataclasses.dataclass
+class Step:
+    """A step, as steps.toml describes it."""
+
+    name: str
+    group: str
+    command: str
+    reads: list
+    after: list = dataclasses.field(default_factory=list)
+    lane: str = ""
+    makes: bool = False
+
+
+@dataclasses.dataclass
+class Outcome:
+    """How a step ended: passed, FAILED, skipped, because this machine cannot run it, or not run, because of one before it.
+    A step that this machine has proven before is proven."""
+
+    verdict: str
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+
+def load(path):
+    """Returns the steps of a file, with the names of patterns replaced by the patterns."""
+    described = tomllib.loads(path.read_text())
+    named = described["patterns"]
+
+    def patterns(reads):
+        for pattern in reads:
+            yield from patterns(named[pattern[1:]]) if pattern.startswith("@") else [pattern]
+
+    return [Step(**{**step, "reads": list(patterns(step["reads"]))}) for step in described["step"]]
+
+
+# --- which run ---
+
+
+def is_read(step, path):
+    """Whether a change of the file can change the outcome of the step."""
+    decided = False
+    for pattern in step.reads:
+        if fnmatch.fnmatchcase(path, pattern.removeprefix("!")):
+            decided = not pattern.startswith("!")
+    return decided
+
+
+def stamp(step, about, contents):
+    """Returns the stamp of the step for these files."""
+    read = {path: content for path, content in contents.items() if is_read(step, path)}
+    return proof.stamp(step.name, f"{about}{step.command}", read)
+
+
+def needed(steps, proven):
+    """Returns the names of the steps to run: those that are not proven, and what makes files for them."""
+    wanted = {step.name for step in steps if step.name not in proven}
+    for step in reversed(steps):
+        if step.makes and any(step.name in other.after for other in steps if other.name in wanted):
+            wanted.add(step.name)
+    return wanted
+
+
+# --- running ---
+
+
+class Run:
+    """One run of steps. Each writes its output and what it skips into files of its own in the folder."""
+
+    def __init__(self, root, steps, folder, environment, prove):
+        self.root = root
+        self.steps = steps
+        self.folder = folder
+        self.environment = environment
+        # Is called with each step that has passed.
+        self.prove = prove
+        self.outcomes = {}
+        # The steps that run, with the times at which they began.
+        self.running = {}
+        self.children = []
+        self.ended = threading.Condition()
+
+    def run(self, wanted):
+        """Runs the steps with these names, and returns how each of all steps ended. The others are proven."""
+        waiting = [step for step in self.steps if step.name in wanted]
+        self.outcomes = {step.name: Outcome("proven") for step in self.steps if step.name not in wanted}
+        with self.ended:
+            while waiting or self.running:
+                step = next((step for step in waiting if self.is_next(step)), None)
+                if step is not None:
+                    waiting.remove(step)
+                    self.begin(step)
+                elif not self.ended.wait(PROGRESS_S):
+                    self.say_progress()
+        return self.outcomes
+
+    def is_next(self, step):
+        """Whether the step can begin or be given up: all before it have ended, and there is room for it."""
+        has_room = len(self.running) < BESIDE and not any(step.lane and step.lane == other.lane for other, _ in self.running.values())
+        return has_room and all(name in self.outcomes for name in step.after)
+
+    def begin(self, step):
+        """Starts a step, unless one before it has failed."""
+        lost = [name for name in step.after if self.outcomes[name].verdict not in ("passed", "proven")]
+        if lost:
+            self.outcomes[step.name] = Outcome("not run")
+            self.note(step, f"needs {', '.join(lost)}")
+            return
+        self.running[step.name] = (step, time.monotonic())
+        environment = {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step))}
+        with self.log(step).open("w") as log:
+            child = subprocess.Popen(
+                ["bash", "-euo", "pipefail", "-c", step.command],
+                cwd=self.root, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+            )
+        self.children.append(child)
+        threading.Thread(target=self.wait, args=(step, child), daemon=True).start()
+
+    def wait(self, step, child):
+        """Waits for the end of a step, and notes and prints it."""
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        with self.ended:
+            self.children.remove(child)
+            _, began = self.running.pop(step.name)
+            verdict = {0: "passed", SKIPPED: "skipped"}.get(child.returncode, "FAILED")
+            outcome = Outcome(verdict, time.monotonic() - began, used.ru_utime + used.ru_stime)
+            self.outcomes[step.name] = outcome
+            self.say_end(step, outcome)
+            self.ended.notify()
+
+    def say_end(self, step, outcome):
+        """Prints how a step ended: with its last words, or with all of them if it has failed."""
+        said = self.log(step).read_text(errors="replace").splitlines()
+        words = [line.strip() for line in said if line.strip()] or [""]
+        sentence = next((line for line in reversed(words) if " passed" in line), words[-1])
+        print(f"{outcome.verdict}  {step.name} ({outcome.wall_s:.0f} s) {sentence}", flush=True)
+        if outcome.verdict == "FAILED":
+            print("\n".join(f"    {line}" for line in said), flush=True)
+        elif outcome.verdict == "skipped":
+            self.note(step, sentence)
+        elif not self.skips(step):
+            self.prove(step)
+
+    def note(self, step, why):
+        """Adds the whole step to what was skipped."""
+        with self.skipped(step).open("a") as list_of_skips:
+            list_of_skips.write(f"step {step.name}: {why}\n")
+
+    def say_progress(self):
+        """Prints what runs, and for how long."""
+        now = time.monotonic()
+        print("running: " + ", ".join(f"{name} {now - began:.0f} s" for name, (_, began) in self.running.items()), flush=True)
+
+    def stop(self):
+        """Ends the steps that run, with all that they have started."""
+        for child in list(self.children):
+            os.killpg(child.pid, signal.SIGTERM)
+
+    def log(self, step):
+        """Returns the file of the step's output."""
+        return self.folder / f"{step.name}.log"
+
+    def skipped(self, step):
+        """Returns the file that lists what the step could not run, a line each."""
+        return self.folder / f"{step.name}.skipped"
+
+    def skips(self, step):
+        """Returns what the step could not run."""
+        path = self.skipped(step)
+        return path.read_text().splitlines() if path.exists() else []
+
+
+# --- the command ---
+
+
+def target_folder():
+    """Returns the folder that cargo builds in."""
+    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target")
+
+
+def chosen(steps, names):
+    """Returns the steps of these groups or names, and those that must pass before them."""
+    known = {step.group for step in steps} | {step.name for step in steps}
+    for name in names:
+        if name not in known:
+            sys.exit(f"scripts/test: no such step: {name}. There are: {' '.join(sorted(known))}")
+    wanted = {step.name for step in steps if not names or step.group in names or step.name in names}
+    for step in reversed(steps):
+        if step.name in wanted:
+            wanted |= set(step.after)
+    return [step for step in steps if step.name in wanted]
+
+
+def say_table(run):
+    """Prints how long each step took."""
+    print(f"\n{'step':<16}{'wall':>8}{'CPU':>8}")
+    for step in run.steps:
+        outcome = run.outcomes[step.name]
+        times = f"{outcome.wall_s:>6.0f} s{outcome.cpu_s:>6.0f} s" if outcome.verdict in ("passed", "FAILED") else f"{'':>8}{'':>8}"
+        print(f"{step.name:<16}{times}  {outcome.verdict}")
+
+
+def conclude(run, left_out, began):
+    """Prints the verdict on a run, and returns its exit status."""
+    say_table(run)
+    skips = sorted(line for step in run.steps for line in run.skips(step)) + [f"step {name}: not asked for" for name in left_out]
+    failed = [name for name, outcome in run.outcomes.items() if outcome.verdict == "FAILED"]
+    print(f"\n== {'FAILED: ' + ' '.join(failed) if failed else 'passed'}, {len(skips)} skipped ({time.monotonic() - began:.0f} s)")
+    print("\n".join(skips))
+    return 1 if failed else 0
+
+
+def test(root, steps, folder, *, everything):
+    """Runs those of the steps that are not proven, or all of them. Returns the run."""
+    about = proof.machine()
+    contents = proof.files(root)
+    stamps = {step.name: [stamp(step, about, contents)] for step in steps}
+    if TESTS in stamps and (root / "Cargo.toml").exists():
+        stamps[TESTS] += proof.crate_stamps(root, proof.workspace(root), about, contents).values()
+    proven = set() if everything else {name for name, (own, *_) in stamps.items() if own.exists()}
+
+    def prove(step):
+        # What has changed while the step ran is not proven.
+        if proof.files(root) == contents:
+            for path in stamps[step.name]:
+                proof.prove(path)
+
+    environment = {**os.environ, "FACEWIRE_TEST_ALL": "1" if everything else ""}
+    run = Run(root, steps, folder, environment, prove)
+    try:
+        run.run(needed(steps, proven))
+    finally:
+        run.stop()
+    return run
+
+
+def main():
+    """Runs the steps that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("steps", nargs="*", help="steps of steps.toml, or groups of them")
+    parser.add_argument("--all", action="store_true", help="run what is proven, too, and the parts that take long")
+    arguments = parser.parse_args()
+    began = time.monotonic()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    known = load(pathlib.Path(__file__).with_name("steps.toml"))
+    steps = chosen(known, arguments.steps)
+    folder = target_folder() / "steps"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    compiled.take(proof.CACHE, target_folder())
+    try:
+        run = test(ROOT, steps, folder, everything=arguments.all)
+    finally:
+        compiled.give(proof.CACHE, target_folder())
+    return conclude(run, [step.name for step in known if step not in steps], began)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""The steps of scripts/test run when what they read has changed, and only then."""
+
+import pathlib
+import re
+import subprocess
+import tempfile
+import unittest
+from unittest import mock
+
+import compiled
+import proof
+import steps
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+class Checkout(unittest.TestCase):
+    """A checkout with some of the files of this one, in which each step only notes that it ran."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.root = pathlib.Path(folder.name) / "checkout"
+        self.ran = pathlib.Path(folder.name) / "ran"
+        self.steps = steps.load(pathlib.Path(__file__).with_name("steps.toml"))
+        # The last file that each step reads, which is another one for most of them, and one that few read.
+        everything = list(proof.files(ROOT))
+        last = {step.name: next(path for path in reversed(everything) if steps.is_read(step, path)) for step in self.steps}
+        self.paths = sorted({*last.values(), "docs/service.md"})
+        for path in self.paths:
+            (self.root / path).parent.mkdir(parents=True, exist_ok=True)
+            (self.root / path).write_text("as it was")
+        subprocess.run(["git", "init", "--quiet"], cwd=self.root, check=True)
+        for step in self.steps:
+            step.command = f"echo {step.name} >>{self.ran}"
+        for patched in (
+            mock.patch.object(proof, "CACHE", pathlib.Path(folder.name) / "cache"),
+            mock.patch.object(proof, "machine", lambda: ""),
+            mock.patch.object(steps, "print", lambda *_, **__: None, create=True),
+        ):
+            patched.start()
+            self.addCleanup(patched.stop)
+
+    def run_all(self, *, everything=False):
+        """Runs the steps, and returns the names of those that ran."""
+        self.ran.write_text("")
+        with tempfile.TemporaryDirectory() as folder:
+            self.run_of_steps = steps.test(self.root, self.steps, pathlib.Path(folder), everything=everything)
+        return set(self.ran.read_text().split())
+
+    def step(self, name):
+        return next(step for step in self.steps if step.name == name)
+
+    def read_by(self, name):
+        return next(path for path in reversed(self.paths) if steps.is_read(self.step(name), path))
+
+    def test_each_step_runs_again_after_a_change_of_what_it_reads_and_only_then(self):
+        names = {step.name for step in self.steps}
+        self.assertEqual(self.run_all(), names)
+        self.assertEqual(self.run_all(), set())
+        for step in self.steps:
+            path = self.read_by(step.name)
+            (self.root / path).write_text(f"changed for {step.name}")
+            ran = self.run_all()
+            self.assertIn(step.name, ran, path)
+            for other in self.steps:
+                self.assertTrue(other.name in ran or not steps.is_read(other, path), f"{other.name} reads {path}")
+                is_needed = any(other.name in later.after for later in self.steps if later.name in ran)
+                self.assertTrue(other.name not in ran or steps.is_read(other, path) or other.makes and is_needed, other.name)
+            self.assertEqual(self.run_all(), set(), path)
+        self.assertEqual(self.run_all(everything=True), names)
+
+    def test_another_compiler_and_another_command_run_steps_again(self):
+        self.run_all()
+        with mock.patch.object(proof, "machine", lambda: "another compiler"):
+            self.assertEqual(self.run_all(), {step.name for step in self.steps})
+        self.step("licences").command += " # and more"
+        self.assertEqual(self.run_all(), {"licences"})
+
+    def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
+        self.step("build").command = "exit 3"
+        ran = self.run_all()
+        lost = {"build", "unit", "documentation", "steps", "python", "guest-console", "guest-cameras"}
+        self.assertEqual(ran, {step.name for step in self.steps} - lost)
+        self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
+        # What makes files for the lost steps runs again.
+        self.assertEqual(self.run_all(), {"guest", "package-amd64"})
+        self.assertEqual(self.run_of_steps.outcomes["build"].verdict, "FAILED")
+
+    def test_what_is_skipped_is_listed_and_not_proven(self):
+        self.step("guest").command = f"echo guest >>{self.ran}; echo it needs root; exit {steps.SKIPPED}"
+        self.step("unit").command += '; echo "a test: it needs a camera" >>"$FACEWIRE_SKIPPED"'
+        self.run_all()
+        self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 0)
+        ran = self.run_all()
+        self.assertEqual(ran & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
+
+    def test_a_file_that_changes_while_a_step_runs_proves_nothing(self):
+        self.step("licences").command += f"; echo changed >>{self.root}/{self.read_by('licences')}"
+        self.run_all()
+        self.assertIn("licences", self.run_all())
+
+    def test_steps_of_one_lane_run_one_after_the_other(self):
+        for step in self.steps:
+            step.command = f"mkdir {self.root}.lane-{step.lane}; rmdir {self.root}.lane-{step.lane}" if step.lane else "true"
+        self.run_all()
+        self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
+
+
+class Sources(unittest.TestCase):
+    """The patterns name all that cargo says the programs are made of."""
+
+    def test_the_steps_that_run_programs_read_all_their_sources(self):
+        programs = {
+            "facewire": ("package-amd64", "guest-cases", "instructions", "armv7", "guest-cameras", "python", "unit"),
+            "facewire-tools": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
+            "facewire-console": ("package-amd64", "guest-console", "unit"),
+            "facewire-bridge": ("package-amd64", "guest-cases", "unit"),
+        }
+        known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
+        for program, names in programs.items():
+            described = (steps.target_folder() / "debug" / f"{program}.d").read_text().partition(":")[2]
+            paths = [pathlib.Path(path).resolve() for path in described.split()]
+            sources = [str(path.relative_to(ROOT)) for path in paths if path.is_relative_to(ROOT)]
+            self.assertGreater(len(sources), 20, program)
+            for name in names:
+                unread = [path for path in sources if not path.startswith("target/") and not steps.is_read(known[name], path)]
+                self.assertEqual(unread, [], f"{name} runs {program}")
+
+
+class Compiled(unittest.TestCase):
+    """Crates of a registry are compiled once for all checkouts."""
+
+    def test_another_checkout_compiles_its_own_crate_alone(self):
+        with tempfile.TemporaryDirectory() as folder:
+            cache = pathlib.Path(folder) / "cache"
+            said = [self.build(pathlib.Path(folder) / name, cache) for name in ("first", "second")]
+        self.assertEqual(set(re.findall(r"Compiling (\S+)", said[0])), {"cfg-if", "facewire-of-a-test"})
+        self.assertEqual(set(re.findall(r"Compiling (\S+)", said[1])), {"facewire-of-a-test"})
+
+    def build(self, checkout, cache):
+        """Makes a checkout of a small project and builds it. Returns what cargo says."""
+        (checkout / "src").mkdir(parents=True)
+        (checkout / "src" / "lib.rs").write_text("cfg_if::cfg_if! { if #[cfg(unix)] { pub fn unix() {} } }\n")
+        version = re.search(r'name = "cfg-if"\nversion = "(.*)"', (ROOT / "Cargo.lock").read_text())[1]
+        (checkout / "Cargo.toml").write_text(
+            f'[package]\nname = "facewire-of-a-test"\nedition = "2024"\n[dependencies]\ncfg-if = "={version}"\n[workspace]\n'
+        )
+        target = checkout / "target"
+        compiled.take(cache, target)
+        command = ["cargo", "build", "--offline", "--target-dir", str(target)]
+        said = subprocess.run(command, cwd=checkout, check=True, stderr=subprocess.PIPE, text=True).stderr
+        compiled.give(cache, target)
+        return said
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,8 +1,12 @@
 //! The receiver shows the newest packet, goes neutral when packets stop, and never jumps.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::float_cmp)]
 
-use facewire_packet::{Face, LATE_MS, Packet, Receiver, SILENCE_MS, State, TRAVEL_MS};
+use facewire_packet::{Face, Packet, Receiver, State};
 
+/// The times that the rule of receivers promises, written again, so that no other time passes.
+const SILENCE_MS: u32 = 500;
+const LATE_MS: u32 = 250;
+const TRAVEL_MS: u16 = 500;
 /// jawOpen.
 const JAW: usize = 17;
 /// The time between two packets, and between two calls of `show`.

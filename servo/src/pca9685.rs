@@ -197,6 +197,17 @@ mod tests {
     use super::*;
     use crate::{AtLoss, ChannelSettings, Dials, channel::tests::valued};
 
+    // The numbers of the data sheet, written again, so that the simulated chip shares no mistake with the code above.
+    const MODE1: u8 = 0x00;
+    const ALL_LED_OFF_H: u8 = 0xFD;
+    const PRE_SCALE: u8 = 0xFE;
+    const RESTART: u8 = 0x80;
+    const EXTERNAL_CLOCK: u8 = 0x40;
+    const AUTO_INCREMENT: u8 = 0x20;
+    const SLEEP: u8 = 0x10;
+    const OUTPUTS: u8 = 0x04;
+    const FULL: u8 = 0x10;
+
     const JAW_OPEN: usize = 17;
     /// The first servo moves by 2.0 of its range a second.
     const SPEED_US_PER_S: f32 = 1600.0;
@@ -231,7 +242,7 @@ mod tests {
                 }
                 PRE_SCALE if mode & SLEEP == 0 => {}
                 ALL_LED_OFF_H => {
-                    (0..CHANNELS).for_each(|channel| self.0[usize::from(first_register(channel)) + 3] = byte);
+                    (0..16).for_each(|channel| self.0[6 + 4 * channel + 3] = byte);
                 }
                 _ => self.0[usize::from(register)] = byte,
             }

@@ -74,21 +74,24 @@ mod tests {
 
     use super::*;
 
+    /// The most that Linux writes to a pipe whole or not at all.
+    const PIPE_BUF: usize = 4096;
+
     #[test]
     fn a_line_that_cannot_be_written_at_once_is_dropped_and_counted_and_a_longer_one_keeps_its_line_end() {
         let (mut reader, output) = pipe().unwrap();
         let mut log = Lossy { output, lost: 0 };
         while log.is_writable() {
-            log.write_all(&[b'.'; LONGEST_LINE]).unwrap();
+            log.write_all(&[b'.'; PIPE_BUF]).unwrap();
         }
         log.write_all(b"first\n").unwrap();
-        reader.read_exact(&mut [0; 4 * LONGEST_LINE]).unwrap();
+        reader.read_exact(&mut [0; 4 * PIPE_BUF]).unwrap();
         log.write_all(b"second\n").unwrap();
-        [&[b'x'; LONGEST_LINE + 1][..], b"third\n"].iter().for_each(|line| log.write_all(line).unwrap());
+        [&[b'x'; PIPE_BUF + 1][..], b"third\n"].iter().for_each(|line| log.write_all(line).unwrap());
         drop(log);
         let mut rest = String::new();
         reader.read_to_string(&mut rest).unwrap();
-        let long = "x".repeat(LONGEST_LINE - 1);
+        let long = "x".repeat(PIPE_BUF - 1);
         let want = format!(".1 lines of the log are lost: they were not read in time\nsecond\n{long}\nthird\n");
         assert!(rest.ends_with(&want), "{rest}");
     }

@@ -249,7 +249,7 @@ mod tests {
             let mut now_ms = 0;
             while now_ms < 1000 {
                 let wait_us = self.offer(now_ms, output);
-                assert!((1..=KEEP_ALIVE_US).contains(&wait_us), "{wait_us} at {now_ms}");
+                assert!((1..=100_000).contains(&wait_us), "{wait_us} at {now_ms}");
                 now_ms += wait_us / 1000 + late_ms;
             }
             self.sent_ms.len()

@@ -377,11 +377,13 @@ mod tests {
             line.attend(port).unwrap();
             port.is_asked
         };
-        assert!(!after(&mut port, RESTART) && keeps_dtr());
+        // A boot loader waits for a sketch for 1 s.
+        assert!(!after(&mut port, Duration::from_secs(1)) && !keeps_dtr());
+        assert!(!after(&mut port, Duration::from_secs(2)) && keeps_dtr());
         let panel = Panel::default();
         assert!(port.write(b"first", &panel).unwrap() && port.write(b"second", &panel).unwrap());
         // Then the receiver is asked once a second, and its answer is read when it is whole, or given up.
-        let asked = [INQUIRY_PERIOD / 2, INQUIRY_PERIOD, ANSWER_TIMEOUT, INQUIRY_PERIOD].map(|it| after(&mut port, it));
+        let asked = [500, 1000, 500, 1000].map(|ms| after(&mut port, Duration::from_millis(ms)));
         assert_eq!(asked, [false, true, false, true]);
         for (byte, is_asked) in [(b"a", true), (b"b", false)] {
             board.write_all(byte).unwrap();

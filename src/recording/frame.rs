@@ -133,13 +133,14 @@ mod tests {
 
     #[test]
     fn cut_bytes_and_a_landmark_beyond_every_picture_are_no_frame() {
+        /// 32,768 pixels, in steps.
+        const MOST: i32 = 1 << 20;
         let bytes = Recorded::new(1, &Pose::NEUTRAL, [640.0, 480.0], Some(&Landmarks::zero())).to_bytes();
         for length in 0..bytes.len() {
             assert_eq!(Recorded::from_bytes(bytes.get(..length).unwrap()), None, "{length}");
         }
         let head = bytes.get(..bytes.len() - COORDINATES).unwrap();
-        let beyond =
-            [(0, i32::MIN), (0, -MOST_STEPS - 1), (0, MOST_STEPS + 1), (MOST_STEPS, 1), (MOST_STEPS, i32::MAX)];
+        let beyond = [(0, i32::MIN), (0, -MOST - 1), (0, MOST + 1), (MOST, 1), (MOST, i32::MAX)];
         for (before, difference) in beyond {
             let crafted = [head, &postcard::to_allocvec(&difference).unwrap().repeat(COORDINATES)].concat();
             let read = Recorded::read(&mut crafted.as_slice(), &mut [before; COORDINATES]);

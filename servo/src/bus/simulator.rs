@@ -4,8 +4,8 @@
 
 use std::time::{Duration, Instant};
 
+use super::Protocol;
 use super::family::{FAMILIES, Family, Frame, READ, Reader, Registers, STATUS, SYNC_WRITE, unknown};
-use super::{Protocol, TRIPPED};
 
 /// What new servos have in their registers, addresses and bytes: an XL330, an AX-12, an MX-28, an STS3215 and an SCS0009.
 const CONTENTS: [&[(usize, &[u8])]; 5] = [
@@ -63,7 +63,7 @@ impl Servo {
     }
 
     fn has_tripped(&self) -> bool {
-        self.family.get(&self.registers, self.family.watchdog) == TRIPPED
+        self.family.get(&self.registers, self.family.watchdog) == 0xFF
     }
 
     /// Moves on by a step, after a silence of the line.
@@ -71,7 +71,7 @@ impl Servo {
         let family = self.family;
         let watchdog = u128::from(family.get(&self.registers, family.watchdog));
         if self.has_torque() && (1..=127).contains(&watchdog) && silent_ms > watchdog * 20 {
-            family.set(&mut self.registers, family.watchdog, TRIPPED);
+            family.set(&mut self.registers, family.watchdog, 0xFF);
         }
         if self.has_torque() && !self.has_tripped() {
             let [goal, speed] = self.goal();

@@ -18,7 +18,7 @@ const ALL: [&Family; 5] = [X, AX, MX, STS, SCS];
 
 /// The fastest goal of a servo that starts, steps a second.
 fn slow(family: &Family) -> f64 {
-    (START_DEGREES_PER_S / family.degrees_per_step).into()
+    (60.0 / family.degrees_per_step).into()
 }
 
 fn channel(id: u32, at_0: f32, at_1: f32) -> ChannelSettings {
@@ -366,15 +366,18 @@ fn a_line_that_falls_silent_in_mid_move_gets_no_goals_is_at_rest_within_1_5_s_an
 
 #[test]
 fn a_servo_whose_answer_comes_after_a_silence_of_the_line_gets_no_torque_without_a_goal_where_it_stands() {
-    for (family, steps) in ALL.into_iter().flat_map(|family| (1..12).map(move |steps| (family, steps))) {
+    let after = |steps| [400, 600].map(|silence_ms| (steps, silence_ms));
+    for (family, (steps, silence_ms)) in
+        ALL.into_iter().flat_map(|family| (1..12).flat_map(after).map(move |case| (family, case)))
+    {
         let mut rig = Rig::new(family, &[channel(1, 300.0, 700.0)]);
         for _ in 0..steps {
             rig.run(STEP.as_secs_f32());
         }
-        rig.now += SILENCE;
+        rig.now += Duration::from_millis(silence_ms);
         let told = rig.run(1.0).told(1);
         let holds = told[0].data.len() > 1 && (told[0].place - told[0].stood).abs() <= 0.5 && told[1].data == [1];
-        assert!(holds, "{} {steps}: {:?} {:?}", family.name, told[0], told[1]);
+        assert!(holds, "{} {steps} {silence_ms}: {:?} {:?}", family.name, told[0], told[1]);
     }
 }
 

@@ -167,7 +167,7 @@ mod tests {
             (vec![Some(Errno::NODEV)], true, "unplugged"),
             (vec![None, Some(Errno::IO)], true, "the second attempt is that of its drop"),
             (vec![Some(Errno::IO)], false, "its drop would panic"),
-            (vec![INTERRUPTED; STOP_ATTEMPTS], false, "signals without end"),
+            (vec![INTERRUPTED; 10], false, "signals without end"),
         ] {
             let dropped = Cell::new(false);
             let stream = Stoppable { errors: errors.iter(), dropped: &dropped };

@@ -167,9 +167,9 @@ mod tests {
         assert_eq!(find(&[head], now), Ok("Head-if00".into()));
         assert_eq!(find(&[head, other], now), Ok("Head-if00".into()));
         // A board that is away for seconds is waited for, and later another takes its place.
-        let days_later = now + 1000 * REPLACE_AFTER;
-        let away = [days_later, days_later + REPLACE_AFTER / 2].map(|now| find(&[other], now).unwrap_err());
+        let days_later = |s| now + Duration::from_hours(100) + Duration::from_secs(s);
+        let away = [0, 29].map(|s| find(&[other], days_later(s)).unwrap_err());
         assert!(away[1].message.contains("waits for Head-if00"), "{away:?}");
-        assert_eq!(find(&[other], days_later + REPLACE_AFTER), Ok("Other-if00".into()));
+        assert_eq!(find(&[other], days_later(30)), Ok("Other-if00".into()));
     }
 }

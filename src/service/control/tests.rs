@@ -420,7 +420,7 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
         if why.is_none() {
             far.shutdown(std::net::Shutdown::Both).unwrap();
         } else if last == "{}\n" {
-            rig.server.clients.back_mut().unwrap().0.since -= 2 * DRIVE_PATIENCE;
+            rig.server.clients.back_mut().unwrap().0.since -= Duration::from_millis(401);
             assert!(!rig.drive(&mut far, ""));
         }
         let told = (!rig.drive(&mut far, last)).then(|| Answers::of(far).next()).unwrap();

@@ -1,20 +1,22 @@
-//! `facewire run` under a service manager, which a socket plays here.
+//! `facewire run` under a service manager, which a socket plays here, and the units of all programs.
 //!
 //! The tests wait for states, not for times: the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
 
+use std::fs;
 use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
+use std::process::Command;
 use std::sync::mpsc::{self, Receiver as Channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::program::text;
+use common::program::{Run, text};
 use common::service::{DEMO, NO_CAMERA, Receiver, Service};
 use common::stuck::Stuck;
-use common::{PATIENCE, eventually};
+use common::{PATIENCE, eventually, project};
 use facewire_packet::State;
 use rustix::process::Signal;
 use tempfile::TempDir;
@@ -184,4 +186,52 @@ fn good_settings_are_taken_by_the_running_service_and_real_time_only_by_a_restar
     service.await_log("[realtime] takes effect at the next start");
     let log = service.stopped();
     assert!(!log.contains("stopped: frames="), "the last line has level info: {log}");
+}
+
+/// Copies the units and their drop-ins.
+fn copy_units(to: &Path) {
+    for folder in ["", "facewire.service.d"] {
+        fs::create_dir_all(to.join(folder)).unwrap();
+        let entries = fs::read_dir(project("systemd").join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        for file in entries.filter(|path| path.is_file()) {
+            fs::copy(&file, to.join(folder).join(file.file_name().unwrap())).unwrap();
+        }
+    }
+}
+
+#[test]
+fn each_unit_keeps_the_directives_that_protect_the_machine_and_the_robot_and_gets_none_that_undoes_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = || Run::of(Command::new(project("systemd/check")).arg("--names").arg(folder.path()));
+    copy_units(folder.path());
+    check().succeeded();
+    for (unit, line, replacement, complaint) in [
+        ("facewire.service", "NoNewPrivileges=yes\n", "", "lacks NoNewPrivileges=yes"),
+        ("facewire.service", "IPAddressDeny=any\n", "", "lacks IPAddressDeny=any"),
+        ("facewire.service", "MemoryDenyWriteExecute=yes\n", "#\n", "lacks MemoryDenyWriteExecute=yes"),
+        ("facewire.service", "ProtectHome=yes\n", "ProtectHome=read-only\n", "lacks ProtectHome=yes"),
+        ("facewire.service", "WatchdogSec=5s\n", "", "lacks WatchdogSec=5s"),
+        ("facewire-console.service", "UMask=0077\n", "UMask=0077\nBindPaths=/home\n", "must not have BindPaths=/home"),
+        ("facewire-bridge.service", "[Install]\n", "PrivateUsers=no\n[Install]\n", "must not have PrivateUsers=no"),
+        ("facewire-helper@.service", "CapabilityBoundingSet=\n", "", "lacks CapabilityBoundingSet="),
+        ("facewire-helper.socket", "SocketMode=0660\n", "SocketMode=0666\n", "must not have SocketMode=0666"),
+        (
+            "facewire.service.d/serial-only.conf",
+            "RestrictAddressFamilies=\nRestrictAddressFamilies=AF_UNIX\n",
+            "RestrictAddressFamilies=AF_UNIX\nRestrictAddressFamilies=\n",
+            "lacks RestrictAddressFamilies=",
+        ),
+    ] {
+        let path = folder.path().join(unit);
+        let whole = fs::read_to_string(&path).unwrap();
+        assert_eq!(whole.matches(line).count(), 1, "{unit}: {line}");
+        fs::write(&path, whole.replace(line, replacement)).unwrap();
+        let run = check();
+        assert!(
+            run.status == Some(1) && run.err.contains(&format!("{unit} {complaint}")),
+            "{unit} {line}: {}",
+            run.err
+        );
+        fs::write(&path, whole).unwrap();
+    }
 }

@@ -5,6 +5,8 @@ root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/facewire
 target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/target}")
 program=${0##*/}
+# shellcheck source=scripts/waiting.sh
+source "$root/scripts/waiting.sh"
 # The programs that boards get.
 # shellcheck disable=SC2034 # The scripts that source this file use it.
 shipped=(facewire facewire-tools facewire-console facewire-bridge)

@@ -57,6 +57,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn attempts_wait_100_ms_at_first_then_twice_as_long_each_time_up_to_a_second_and_briefly_again_after_a_success() {
+        let mut back_off = BackOff::default();
+        let waits_ms = [(); 7].map(|()| back_off.wait().as_millis());
+        assert_eq!(waits_ms, [100, 200, 400, 800, 1000, 1000, 1000]);
+        back_off = BackOff::default();
+        assert_eq!(back_off.wait(), Duration::from_millis(100));
+    }
+
+    #[test]
     fn each_reason_is_logged_once_until_an_attempt_succeeds_even_if_reasons_alternate() {
         let mut logged = LoggedReasons::default();
         assert_eq!(["a", "a", "b", "a", "b"].map(|reason| logged.is_new(reason)), [true, false, true, false, false]);

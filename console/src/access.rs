@@ -331,6 +331,29 @@ mod tests {
         assert_eq!([59, 60].map(|s| tries.after_wrong(now + Duration::from_secs(s)).count), [13, 1]);
     }
 
+    /// A caller in the network who sends this cookie, or none.
+    fn from_afar(access: &Access, cookie: &str) -> Caller {
+        let mut headers = HeaderMap::new();
+        headers.insert(COOKIE, cookie.split(';').next().unwrap().parse().unwrap());
+        access.caller(&headers, "192.168.1.5".parse().unwrap())
+    }
+
+    #[tokio::test]
+    async fn who_comes_with_the_token_to_look_may_look_and_operate_nothing_and_ends_with_the_token() {
+        let folder = tempfile::tempdir().unwrap();
+        let access = Access::load(folder.path(), Token::random().unwrap()).unwrap();
+        let stranger = from_afar(&access, "facewire-console=guessed");
+        assert_eq!([Role::Look, Role::Operate].map(|role| stranger.must(role)), [Err(LOG_IN), Err(LOG_IN)]);
+        let look = access.make_look_token().await.unwrap();
+        let cookie = access.log_in(&stranger, &Secret::Token(look.to_string())).await.unwrap();
+        let viewer = from_afar(&access, &cookie);
+        assert_eq!([Role::Look, Role::Operate].map(|role| viewer.must(role)), [Ok(()), Err(LOOK_ONLY)]);
+        access.make_look_token().await.unwrap();
+        assert_eq!(from_afar(&access, &cookie).must(Role::Look), Err(LOG_IN), "the token has been replaced");
+        let operator = from_afar(&access, &access.begin(Role::Operate).unwrap());
+        assert_eq!([Role::Look, Role::Operate].map(|role| operator.must(role)), [Ok(()), Ok(())]);
+    }
+
     #[test]
     fn the_addresses_of_one_ipv6_network_share_their_tries() {
         let [a, b, c]: [IpAddr; 3] =

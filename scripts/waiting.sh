@@ -1,0 +1,78 @@
+# shellcheck shell=bash
+# Functions for steps that may take minutes: they say what they are doing and for whom they wait. The scripts that source this
+# file define `say` and `fail`.
+
+# Seconds between two lines about the same step.
+progress_s=${FACEWIRE_PROGRESS_S:-30}
+
+# watched LOG WHAT COMMAND...: runs a command with its output in LOG. While it runs, says again and again for how long, and the
+# last line of its output.
+watched() {
+    local log=$1 what=$2 begin=$SECONDS end line status='' code
+    shift 2
+    # The end of the command comes through a pipe, with its status.
+    exec {end}< <(
+        status=0
+        "$@" >"$log" 2>&1 || status=$?
+        echo "$status"
+    )
+    while true; do
+        code=0
+        read -r -t "$progress_s" -u "$end" status || code=$?
+        # A status above 128 means that the time ran out.
+        ((code > 128)) || break
+        line=$(tail -n 1 "$log" | sed 's/^ *//')
+        say "$what: for $((SECONDS - begin)) s now${line:+, at: $line}"
+    done
+    exec {end}<&-
+    return "${status:-1}"
+}
+
+# with_progress WHAT COMMAND...: runs a command that takes minutes. At a terminal its output appears as it comes. Otherwise only
+# the lines of `watched` appear and, if the command fails, the end of its output.
+with_progress() {
+    local what=$1 log status=0
+    say "$what"
+    shift
+    if [[ -t 2 ]]; then
+        ("$@") >&2
+        return
+    fi
+    log=$(mktemp)
+    watched "$log" "$what" "$@" || status=$?
+    ((status == 0)) || tail -n 20 "$log" >&2
+    rm -f "$log"
+    return "$status"
+}
+
+# apt_get ARGUMENT...: runs apt-get as root. While another package manager holds one of its locks, says so and tries again:
+# DPkg::Lock::Timeout of apt does not wait for the locks of the package lists and of the downloads.
+apt_get() {
+    local become=() log status tries holder
+    ((EUID == 0)) || become=(sudo)
+    log=$(mktemp)
+    for ((tries = 0; tries < 300; tries++)); do
+        status=0
+        watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C apt-get --quiet=2 "$@" || status=$?
+        holder=''
+        ((status == 0)) || holder=$(grep -m 1 'Could not get lock\|is another process using it\|locked by another process' "$log") || true
+        [[ -n $holder ]] || break
+        ((tries > 0)) || say "another package manager is at work: waiting for it (${holder#E: })"
+        sleep 2
+    done
+    [[ $status == 0 || -n $holder ]] || tail -n 5 "$log" >&2
+    rm -f "$log"
+    [[ -z $holder ]] || fail "another package manager has been at work for ten minutes (${holder#E: }): try again when it has ended"
+    return "$status"
+}
+
+# apt_install PACKAGE...: installs Debian packages.
+apt_install() {
+    local command=(apt-get install --no-install-recommends --yes "$@")
+    command -v apt-get >/dev/null || fail "missing, by their Debian names: $*"
+    ((EUID == 0)) || command -v sudo >/dev/null || fail "missing: $*. As root: ${command[*]}"
+    say "installing $*"
+    apt_get update || say 'apt-get update failed; trying with the lists at hand'
+    apt_get "${command[@]:1}" || fail "could not install $*: is this machine online? Behind a proxy, set http_proxy. \
+By hand: ${command[*]}"
+}

@@ -1,0 +1,157 @@
+//! What the set-up says while it waits: for another package manager, and for what takes minutes.
+//!
+//! Stand-ins take the place of the programs that it starts. Nothing is installed, and no test waits for a time.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs::{self, Permissions};
+use std::io::{BufRead as _, BufReader};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use common::program::{Run, text};
+use common::project;
+use tempfile::TempDir;
+
+/// What apt says on Debian 12 while another one updates its lists.
+const HELD: &str = "E: Could not get lock /var/lib/apt/lists/lock. It is held by process 4711 (unattended-upgr)";
+const WAITS: &str = "setup: another package manager is at work: waiting for it (Could not get lock /var/lib/apt/lists/lock. \
+                     It is held by process 4711 (unattended-upgr))\n";
+
+/// A machine on which only stand-ins and the programs of the base system are installed.
+struct Machine(TempDir);
+
+impl Machine {
+    /// A machine that lacks cmake alone of what a build needs. The `apt-get` of it installs cmake, unless the file `held` says
+    /// that another package manager is at work, or the file `offline` that there is no network. It writes what it is asked
+    /// for into the file `asked`.
+    fn new() -> Self {
+        let machine = Self(tempfile::tempdir().unwrap());
+        let usual = "bash env sh cat cut dirname grep head mkdir mktemp printf rm sed sort tail flock touch";
+        for program in usual.split(' ') {
+            let found = std::env::split_paths(&std::env::var_os("PATH").unwrap()).map(|folder| folder.join(program));
+            let found = found.into_iter().find(|path| path.exists()).unwrap();
+            fs::create_dir_all(machine.path("bin")).unwrap();
+            std::os::unix::fs::symlink(found, machine.path("bin").join(program)).unwrap();
+        }
+        for program in ["pkg-config", "nasm", "cc", "make", "python3"] {
+            machine.stand_in(program, "");
+        }
+        machine.stand_in("cargo", "echo cargo 99.0.0");
+        machine.stand_in("sudo", "exec \"$@\"");
+        let apt = format!(
+            "cd {folder}; echo \"$@\" >>asked\n\
+             if [ -e held ]; then echo '{HELD}' >&2; exit 100; fi\n\
+             if [ -e offline ]; then echo 'E: Failed to fetch http://deb.debian.org/' >&2; exit 100; fi\n\
+             case \"$*\" in *install*cmake*) touch bin/cmake ;; esac",
+            folder = text(machine.0.path()),
+        );
+        machine.stand_in("apt-get", &apt);
+        machine
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn stand_in(&self, program: &str, commands: &str) {
+        let path = self.path("bin").join(program);
+        fs::write(&path, format!("#!/bin/sh\n{commands}\n")).unwrap();
+        fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+    }
+
+    fn file(&self, name: &str) {
+        fs::write(self.path(name), "").unwrap();
+    }
+
+    fn setup(&self, step: &str) -> Command {
+        let mut command = Command::new(project("scripts/setup"));
+        command.arg(step).env("PATH", self.path("bin")).env("XDG_CACHE_HOME", self.path("cache"));
+        command.env("LIBCLANG_PATH", "/").env_remove("RUSTUP_TOOLCHAIN");
+        command
+    }
+
+    fn asked(&self) -> String {
+        fs::read_to_string(self.path("asked")).unwrap_or_default()
+    }
+}
+
+#[test]
+fn setup_waits_while_another_package_manager_is_at_work_and_says_so_once() {
+    let machine = Machine::new();
+    machine.file("held");
+    // The other one ends while setup waits for the third time.
+    let ends = "cd FOLDER; echo waited >>waits; [ \"$(grep -c . waits)\" -lt 3 ] || rm -f held";
+    machine.stand_in("sleep", &ends.replace("FOLDER", text(machine.0.path())));
+    let run = Run::of(&mut machine.setup("system")).succeeded();
+    assert_eq!((run.out, run.err.as_str()), (format!("setup: installing cmake\n{WAITS}"), ""));
+    let install = "--quiet=2 install --no-install-recommends --yes cmake\n";
+    assert_eq!(machine.asked(), format!("{}{install}", "--quiet=2 update\n".repeat(4)));
+    let again = Run::of(&mut machine.setup("system")).succeeded();
+    assert_eq!((again.out.as_str(), again.err.as_str()), ("", ""), "nothing is missing");
+}
+
+#[test]
+fn a_package_manager_that_never_ends_is_told_from_a_machine_that_is_offline() {
+    let machine = Machine::new();
+    machine.stand_in("sleep", "");
+    machine.file("offline");
+    let run = Run::of(&mut machine.setup("system"));
+    assert!(run.status == Some(1) && run.err.contains("could not install cmake: is this machine online?"), "{run:?}");
+    assert!(!run.out.contains("another package manager"), "{run:?}");
+    machine.file("held");
+    let run = Run::of(&mut machine.setup("system"));
+    assert!(run.status == Some(1) && run.out.ends_with(WAITS), "{run:?}");
+    assert!(run.err.contains("another package manager has been at work for ten minutes"), "{run:?}");
+    assert!(!run.err.contains("online"), "{run:?}");
+}
+
+#[test]
+fn a_step_that_takes_minutes_says_what_it_is_doing_and_its_output_is_shown_only_if_it_fails() {
+    let machine = Machine::new();
+    machine.stand_in("c++", "");
+    let go_on = machine.path("go-on");
+    Run::of(Command::new("mkfifo").arg(&go_on)).succeeded();
+    // It goes on when somebody opens the pipe.
+    let builds = "[ $1 = install ] || exit 1; echo '   Compiling libfuzzer v1.2.3' >&2; read line <PIPE; exit $line";
+    machine.stand_in("cargo", &builds.replace("PIPE", text(&go_on)));
+    let build = |status: &str| {
+        let mut command = machine.setup("fuzz");
+        command.env("FACEWIRE_PROGRESS_S", "0.05").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut setup = command.spawn().unwrap();
+        let mut lines = BufReader::new(setup.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert_eq!(lines.next().unwrap(), "setup: building cargo-fuzz (some minutes)");
+        let is_told = |line: &String| {
+            line.starts_with("setup: building cargo-fuzz (some minutes): for ")
+                && line.ends_with(" s now, at: Compiling libfuzzer v1.2.3")
+        };
+        assert!(lines.any(|line| is_told(&line)));
+        fs::write(&go_on, format!("{status}\n")).unwrap();
+        lines.for_each(drop);
+        Run::ended(&setup.wait_with_output().unwrap())
+    };
+    let run = build("0");
+    assert_eq!((run.status, run.err.as_str()), (Some(0), ""));
+    let run = build("7");
+    let want = "   Compiling libfuzzer v1.2.3\nsetup: could not build cargo-fuzz: ";
+    assert!(run.status == Some(1) && run.err.starts_with(want), "{run:?}");
+}
+
+#[test]
+fn no_script_calls_apt_but_by_the_function_that_waits() {
+    let folders = ["scripts", "cross", "tests/guest", "packaging", "python", "fuzz", "systemd"].map(project);
+    let entries = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap());
+    let scripts = entries.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
+    for script in scripts.filter(|path| !path.ends_with("scripts/waiting.sh")) {
+        let commands = fs::read(&script).unwrap();
+        for line in String::from_utf8_lossy(&commands).lines() {
+            let is_command = ["apt-get ", "sudo apt-get ", "\"${become[@]}\" apt-get "]
+                .iter()
+                .filter_map(|beginning| line.trim_start().strip_prefix(beginning))
+                .any(|arguments| ["update", "install"].iter().any(|verb| arguments.starts_with(verb)));
+            assert!(!is_command, "{}: {line}", script.display());
+        }
+    }
+}

@@ -47,15 +47,9 @@ newest_wheel() {
 }
 
 # leave_folders_out: makes cargo leave the names of this PC's folders out of the programs that it builds, so that builds in
-# different folders give the same bytes.
-leave_folders_out() {
-    local folder flags=()
-    for folder in "${CARGO_HOME:-$HOME/.cargo}=/cargo" "$root=/facewire" "$target_folder=/target"; do
-        flags+=("--remap-path-prefix=$folder")
-    done
-    CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f' && echo "${flags[*]}")
-    export CARGO_ENCODED_RUSTFLAGS
-}
+# different folders give the same bytes. The flag does not name the checkout, to whose files cargo gives rustc relative paths:
+# other people's crates are compiled alike for all checkouts of a machine.
+leave_folders_out() { export CARGO_ENCODED_RUSTFLAGS="--remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=/cargo"; }
 
 # Makes cargo build for the architecture, always with the same flags, so that each dependency is compiled once.
 use_target_compiler() {

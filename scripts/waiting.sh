@@ -51,14 +51,14 @@ apt_get() {
     local become=() log status tries holder
     ((EUID == 0)) || become=(sudo)
     log=$(mktemp)
-    for ((tries = 0; tries < 300; tries++)); do
+    for ((tries = 0; tries < 120; tries++)); do
         status=0
         watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C apt-get --quiet=2 "$@" || status=$?
         holder=''
         ((status == 0)) || holder=$(grep -m 1 'Could not get lock\|is another process using it\|locked by another process' "$log") || true
         [[ -n $holder ]] || break
         ((tries > 0)) || say "another package manager is at work: waiting for it (${holder#E: })"
-        sleep 2
+        sleep 5
     done
     [[ $status == 0 || -n $holder ]] || tail -n 5 "$log" >&2
     rm -f "$log"

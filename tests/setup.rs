@@ -7,9 +7,10 @@ mod common;
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead as _, BufReader};
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::program::{Run, text};
 use common::project;
@@ -20,32 +21,38 @@ const HELD: &str = "E: Could not get lock /var/lib/apt/lists/lock. It is held by
 const WAITS: &str = "setup: another package manager is at work: waiting for it (Could not get lock /var/lib/apt/lists/lock. \
                      It is held by process 4711 (unattended-upgr))\n";
 
-/// A machine on which only stand-ins and the programs of the base system are installed.
-struct Machine(TempDir);
+/// A machine on which only stand-ins and the programs of the base system are installed. One exists at a time: a process that
+/// one test starts would hold the stand-ins open that another test is writing, and the system refuses to run them then.
+struct Machine(TempDir, MutexGuard<'static, ()>);
+
+static ONE_MACHINE: Mutex<()> = Mutex::new(());
 
 impl Machine {
     /// A machine that lacks cmake alone of what a build needs. The `apt-get` of it installs cmake, unless the file `held` says
     /// that another package manager is at work, or the file `offline` that there is no network. It writes what it is asked
     /// for into the file `asked`.
     fn new() -> Self {
-        let machine = Self(tempfile::tempdir().unwrap());
-        let usual = "bash env sh cat cut dirname grep head mkdir mktemp printf rm sed sort tail flock touch";
+        let one = ONE_MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+        let machine = Self(tempfile::tempdir().unwrap(), one);
+        fs::create_dir(machine.path("bin")).unwrap();
+        let search_path = std::env::var_os("PATH").unwrap();
+        let usual = "bash env sh cat cut dirname grep head mkdir mktemp printf rm sed sort tail flock ln";
         for program in usual.split(' ') {
-            let found = std::env::split_paths(&std::env::var_os("PATH").unwrap()).map(|folder| folder.join(program));
-            let found = found.into_iter().find(|path| path.exists()).unwrap();
-            fs::create_dir_all(machine.path("bin")).unwrap();
-            std::os::unix::fs::symlink(found, machine.path("bin").join(program)).unwrap();
+            let mut places = std::env::split_paths(&search_path).map(|folder| folder.join(program));
+            symlink(places.find(|path| path.exists()).unwrap(), machine.path("bin").join(program)).unwrap();
         }
-        for program in ["pkg-config", "nasm", "cc", "make", "python3"] {
+        for program in ["pkg-config", "nasm", "make", "python3"] {
             machine.stand_in(program, "");
         }
+        // It is given a header to read.
+        machine.stand_in("cc", "cat >/dev/null");
         machine.stand_in("cargo", "echo cargo 99.0.0");
         machine.stand_in("sudo", "exec \"$@\"");
         let apt = format!(
             "cd {folder}; echo \"$@\" >>asked\n\
              if [ -e held ]; then echo '{HELD}' >&2; exit 100; fi\n\
              if [ -e offline ]; then echo 'E: Failed to fetch http://deb.debian.org/' >&2; exit 100; fi\n\
-             case \"$*\" in *install*cmake*) touch bin/cmake ;; esac",
+             case \"$*\" in *install*cmake*) ln -s nasm bin/cmake ;; esac",
             folder = text(machine.0.path()),
         );
         machine.stand_in("apt-get", &apt);

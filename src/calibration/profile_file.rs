@@ -146,7 +146,7 @@ pub(super) mod tests {
         let mut greatest = self::file(u64::MAX >> 1);
         greatest.profile.neutral = Some(Neutral::from_points(&[[-2.9999; 3]; LANDMARKS]).unwrap());
         (greatest.takes, greatest.profile.rest) = (Take::ALL.to_vec(), [-MAX_REST; COEFFS]);
-        assert!(greatest.text().len() <= MAX_PROFILE_BYTES, "{}", greatest.text().len());
+        assert!(greatest.text().len() <= 16 << 10, "{}", greatest.text().len());
     }
 
     #[test]
@@ -163,7 +163,7 @@ pub(super) mod tests {
             (text.replacen("neutral = [\n[", "neutral = [\n[9999", 1), "landmark 0"),
             (text.replacen("neutral = [\n", "neutral = [\n[0,0,0],\n", 1), "479 landmarks"),
             (text.replace("\"eyes-shut\"", "\"neutral\""), "takes"),
-            (" ".repeat(MAX_PROFILE_BYTES + 1), "16 KiB"),
+            (" ".repeat((16 << 10) + 1), "16 KiB"),
             (flat.text(), "the neutral face"),
             ("\u{1b}[31m = 3".to_owned(), "damaged"),
         ];

@@ -496,8 +496,8 @@ pub(super) mod tests {
     fn faults_name_the_entry_in_one_line() {
         let input = "{ neutral = 0.0, weights = [inf] }";
         let shape = toml::Value::try_from(BlendshapeTable::default()).expect("TOML").to_string();
-        let inputs = features(MAX_INPUTS + 1, |id| format!("{id} = {{ neutral = 0.0, weights = [] }}"));
-        let units = format!("[{}]", "0.0, ".repeat(MAX_HIDDEN + 1));
+        let inputs = features(471, |id| format!("{id} = {{ neutral = 0.0, weights = [] }}"));
+        let units = format!("[{}]", "0.0, ".repeat(161));
         let nothing = "{ inputs = {}, blendshapes = {} }";
         let formulas = format!("{{ neutral_known = {nothing}, neutral_unknown = {nothing} }}");
         let terms = |lift, response| format!("{{ shift = 0.0, slope = 1.0, lift = {lift}, response = {response} }}");

@@ -216,22 +216,25 @@ def complaints_about_times(name, back_s, limit_s):
         yield f"{name}: back after {', '.join(f'{time_s:.2f}' for time_s in back_s)} s"
 
 
-def complaints_about_order(packets, longest_s):
-    """Complaints about packets that are missing or late; the loopback interface loses none."""
-    gaps = [later - earlier for (earlier, _), (later, _) in zip(packets, packets[1:])]
-    numbers = [packet["sequence"] for _, packet in packets]
-    lost = sum((later - earlier - 1) % 65536 for earlier, later in zip(numbers, numbers[1:]))
-    print(f"{len(packets)} packets by UDP, {lost} missing, at most {max(gaps):.2f} s apart")
-    if lost:
-        yield f"{lost} packets are missing in the sequence"
-    if max(gaps) > longest_s:
-        yield f"no packet for {max(gaps):.2f} s"
+def complaints_about_order(datagrams, longest_s):
+    """Complaints about packets that are missing or late; the loopback interface loses none, but the receiver may drop some."""
+    packets = datagrams.packets
+    steps = [(later["sequence"] - earlier["sequence"]) % 65536 for (_, earlier), (_, later) in zip(packets, packets[1:])]
+    times_s = [later - earlier for (earlier, _), (later, _) in zip(packets, packets[1:])]
+    lost = sum(step - 1 for step in steps)
+    longest_gap_s = max(time_s for time_s, step in zip(times_s, steps) if step == 1)
+    print(f"{len(packets)} packets by UDP, {lost} missing, of which the receiver dropped {datagrams.dropped}, "
+          f"at most {longest_gap_s:.2f} s apart")
+    if lost > datagrams.dropped:
+        yield f"{lost - datagrams.dropped} packets are missing in the sequence"
+    if longest_gap_s > longest_s:
+        yield f"no packet for {longest_gap_s:.2f} s"
 
 
-def complaints_about_absence(packets, absence):
+def complaints_about_absence(packets, absence, slack_s):
     """Complaints about the packets while there was no camera: they say so from the loss on until the camera is back."""
-    # The sender may be about to send when the loss or the return is logged.
-    begin, end = absence.lost + SLACK_S, absence.opened - SLACK_S
+    # The sender may be about to send when the loss or the return is logged, and the log is read late.
+    begin, end = absence.lost + SLACK_S + slack_s, absence.opened - SLACK_S - slack_s
     reasons = {packet["reason"] for at, packet in packets if begin < at < end}
     if reasons - {"no camera"}:
         yield f"without a camera the reasons were {sorted(reasons)}"
@@ -265,14 +268,14 @@ def complaints_about_end(bench, status, rounds):
 
 def complaints(bench, status, rounds):
     """All complaints."""
-    packets, slack_s = bench.datagrams.packets, bench.lag.slack_s()
+    slack_s = bench.lag.slack_s()
     print(f"another program has a frame after {max(bench.bare_s):.2f} s; sleepers are {bench.lag.worst_s:.2f} s late")
     yield from complaints_about_times("camera", bench.camera_back_s, BACK_S + max(bench.bare_s) + slack_s)
     yield from complaints_about_times("serial port", bench.serial_back_s, BACK_S + slack_s)
     print(f"frames again after {median(bench.frames_s):.2f} s, at most {max(bench.frames_s):.2f} s")
-    yield from complaints_about_order(packets, PERIOD_S + SLACK_S + slack_s)
+    yield from complaints_about_order(bench.datagrams, PERIOD_S + SLACK_S + slack_s)
     for absence in bench.absences:
-        yield from complaints_about_absence(packets, absence)
+        yield from complaints_about_absence(bench.datagrams.packets, absence, slack_s)
     yield from complaints_about_sizes(bench.descriptors, bench.blind_kb)
     yield from complaints_about_end(bench, status, rounds)
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Judges packets that tests/packet_recorder.py has recorded.
 
-Exit status 1: the packets are wrong; 3: the poses are too few or do not follow the clip, as on a machine that is too busy for
-its speed.
+Exit status 1: the packets are wrong.
 
-  judge.py clip PACKETS.csv TRUTH.csv FPS   the packets show the face of the clip, played at FPS frames a second
+  judge.py clip PACKETS.csv SHOWN.csv TRUTH.csv
+                                            the packets show the face of the clip in the frames that show_clip.py has shown
   judge.py passes PACKETS.csv STEP...       the packets pass through these steps in this order, and none is missing
   judge.py line BYTES DROPPED STEP...       the same for the bytes that left a serial port: all frames are whole, and as
                                             many are missing as the service says it has DROPPED
@@ -15,12 +15,8 @@ A step is a state (live) or a state with its reason (neutral/no_face). Only the 
 import csv
 import sys
 
+COEFFICIENTS = ("jawOpen", "eyeBlinkLeft", "eyeBlinkRight")
 LEAST_CORRELATION = 0.7
-# Share of the clip's frames that must have given a pose, so that no coefficient is judged by a few frames.
-LEAST_SEEN = 0.7
-NOT_FOLLOWED = 3
-# The clip's frames that a search step moves the truth by.
-STEP_FRAMES = 0.25
 
 
 def read(path):
@@ -37,20 +33,6 @@ def complaint_about_order(rows, dropped=0):
     return f"{missing} packets are missing in the sequence, {dropped} were dropped" if missing != dropped else None
 
 
-def poses(rows):
-    """Returns the last live packet of each captured frame with its time of capture in seconds. By then the output has
-    caught up with the pose, even if the face was held before."""
-    found, last, wraps = {}, 0, 0
-    for row in rows:
-        if row["state"] != "live":
-            continue
-        capture_us = int(row["capture_us"])
-        wraps += capture_us < last
-        last = capture_us
-        found[capture_us + (wraps << 32)] = row
-    return [(capture_us / 1e6, row) for capture_us, row in found.items()]
-
-
 def pearson(xs, ys):
     """Pearson's coefficient of correlation; 0 where one of them does not move."""
     mean_x, mean_y = sum(xs) / len(xs), sum(ys) / len(ys)
@@ -59,36 +41,18 @@ def pearson(xs, ys):
     return sum(x * y for x, y in zip(xs, ys)) / product if product else 0.0
 
 
-def at(curve, position):
-    """Returns the value of the looped curve at the nearest frame, since a camera shows whole frames."""
-    return curve[round(position) % len(curve)]
-
-
-def align(positions, shown, truth):
-    """The one lag of all curves that correlates best in sum: (lag in frames, correlation of each)."""
-    def correlations(lag):
-        return {name: pearson(shown[name], [at(curve, position + lag) for position in positions])
-                for name, curve in truth.items()}
-    lags = [step * STEP_FRAMES for step in range(int(len(next(iter(truth.values()))) / STEP_FRAMES))]
-    return max(((lag, correlations(lag)) for lag in lags), key=lambda found: sum(found[1].values()))
-
-
-def judge_clip(packets, truth_path, fps):
-    """Whether the coefficients follow those that the clip was rendered from."""
-    truth_rows = read(truth_path)
-    truth = {name: [float(row[name]) for row in truth_rows] for name in truth_rows[0] if name != "frame"}
-    seen = poses(packets)
-    if len(seen) < LEAST_SEEN * len(truth_rows):
-        print(f"only {len(seen)} poses of the clip's {len(truth_rows)} frames came", file=sys.stderr)
-        sys.exit(NOT_FOLLOWED)
-    positions = [(time_s - seen[0][0]) * float(fps) for time_s, _ in seen]
-    shown = {name: [float(row[name]) for _, row in seen] for name in truth}
-    lag, correlations = align(positions, shown, truth)
-    figures = ", ".join(f"{name} {r:.3f}" for name, r in correlations.items())
-    print(f"{len(seen)} poses, lag {lag:g} frames, correlation {figures}")
+def judge_clip(packets, shown_path, truth_path):
+    """Whether the coefficients follow those that the clip was rendered from. Of each frame the last packet counts: by then the
+    output has caught up with the pose, even if the face was held before."""
+    shown, truth = read(shown_path), read(truth_path)
+    last = {row["capture_us"]: row for row in packets if row["state"] == "live"}
+    correlations = {name: pearson([float(last[row["capture_us"]][name]) for row in shown],
+                                  [float(truth[int(row["frame"])][name]) for row in shown])
+                    for name in COEFFICIENTS}
+    figures = ", ".join(f"{name} {correlation:.3f}" for name, correlation in correlations.items())
+    print(f"{len(shown)} frames, correlation {figures}")
     if min(correlations.values()) <= LEAST_CORRELATION:
-        print(f"correlation is not above {LEAST_CORRELATION}", file=sys.stderr)
-        sys.exit(NOT_FOLLOWED)
+        return f"correlation is not above {LEAST_CORRELATION}"
     return complaint_about_order(packets)
 
 

@@ -18,7 +18,8 @@ from facewire_packet import cobs_decode, decode
 PORT = 5252
 # Timestamps by the kernel, in nanoseconds: no delay of this program is in them.
 SO_TIMESTAMPNS = 35
-
+# The count of packets that the kernel has dropped because this program had not read those before.
+SO_RXQ_OVFL = 40
 
 # Longest wait for a state, in seconds. On a busy machine emulation is slow.
 PATIENCE_S = 180
@@ -90,15 +91,21 @@ class End:
 
 
 class Datagrams(End):
-    """The receiver by UDP."""
+    """The receiver by UDP. `dropped` counts the packets that reached this machine, but not this program."""
+
+    dropped = 0
 
     def read(self):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
             server.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            server.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
             server.bind(("127.0.0.1", PORT))
             while True:
-                data, [(_, _, stamp)], _, _ = server.recvmsg(2048, 256)
-                seconds, nanoseconds = struct.unpack("qq", stamp)
+                data, told, _, _ = server.recvmsg(2048, 256)
+                told = {kind: content for _, kind, content in told}
+                seconds, nanoseconds = struct.unpack("qq", told[SO_TIMESTAMPNS])
+                # Without a drop, the kernel gives no count.
+                self.dropped = int.from_bytes(told.get(SO_RXQ_OVFL, b""), "little")
                 self.take(monotonic(seconds + nanoseconds / 1e9), data)
 
 

@@ -90,7 +90,7 @@ def complaints(work):
     print(f"ended with status {status} in {took_s:.2f} s; sleepers were {lag.worst_s:.2f} s late")
     if status or took_s > END_S + lag.slack_s():
         yield f"ended with status {status} in {took_s:.2f} s"
-    yield from complaints_about_order(datagrams.packets, PERIOD_S + SLACK_S + lag.slack_s())
+    yield from complaints_about_order(datagrams, PERIOD_S + SLACK_S + lag.slack_s())
     dropped = int(service.last_line().split(" dropped=")[1].split()[0])
     print(f"{dropped} packets dropped")
     if dropped < STALLS * (STALLED - LATE):

@@ -4,10 +4,6 @@
 set -eu
 # Longest wait for a state, in seconds. On a busy machine the emulated service takes seconds for a frame.
 patience=180
-# The film that shows the face of the built-in clip has every 4th of its frames, which come 30 a second.
-clip_frames=60
-# The judge's exit status if too few frames gave a pose, or the poses do not follow the clip.
-not_followed=3
 work=/run/case
 service='' decoder=''
 
@@ -20,7 +16,7 @@ fail() {
 # Copies into memory what is used more than once, because reading the shared folder is slow.
 unpack() {
     mkdir $work
-    cp -r facewire facewire-tools networks facewire_packet.py packet_recorder.py judge.py demo.avi clip.avi clip-truth.csv $work
+    cp -r facewire facewire-tools networks facewire_packet.py packet_recorder.py judge.py demo.avi $work
     export FACEWIRE_NETWORKS=$work/networks
 }
 
@@ -120,36 +116,21 @@ read_frames() {
     [ "$(counted frames)" -ge "$1" ] 2>/dev/null
 }
 
-# Number of frames that gave a pose so far.
-captured() { cut -d , -f 2,6 $work/packets.csv | grep '^live' | sort -u | wc -l; }
-
-# shown_at SECONDS: shows the clip for one turn, with this many seconds from frame to frame. The status is the judge's.
-# A quarter of the turn tells whether the service keeps up.
-shown_at() {
-    fps=$(awk "BEGIN { print 1 / $1 }")
-    play "$fps"
-    start_service
-    await seen live
-    sleep "$(awk "BEGIN { print $1 * $clip_frames / 4 }")"
-    [ "$(captured)" -lt $((clip_frames * 6 / 40)) ] || sleep "$(awk "BEGIN { print $1 * $clip_frames * 0.8 }")"
-    stop_service
-    stop_playing
-    [ "$(counted damaged)" = 0 ] || fail "damaged frames: $(counted damaged)"
-    status=0
-    python3 $work/judge.py clip $work/packets.csv $work/clip-truth.csv "$fps" || status=$?
-    return $status
-}
-
-# show_clip: the face of the clip reaches the packets. The case defines `play FPS` and `stop_playing`. On a busy machine
-# frames give poses too seldom or too irregularly, and the clip is shown again more slowly.
+# show_clip CAMERA FIRST END STEP: the face of the built-in clip reaches the packets, with a pose of its own for each of these
+# frames (see show_clip.py). Each is shown once the packets have the pose of the one before, however long that takes.
 show_clip() {
-    for period_s in 0.5 1.5 5; do
-        status=0
-        shown_at $period_s || status=$?
-        [ "$status" = $not_followed ] || break
-    done
+    cp receivers.py show_clip.py truth.csv $work
+    : >$work/packets.csv
+    python3 $work/show_clip.py "$1" $work/demo.avi $work/packets.csv $work/shown.csv "$2" "$3" "$4" &
+    feeder=$!
+    start_service
+    while [ ! -e $work/shown.csv ] && kill -0 $feeder 2>/dev/null; do sleep 0.2; done
+    [ -e $work/shown.csv ] || fail 'the frames were not shown'
+    stop_service
+    kill $feeder
+    [ "$(counted damaged)" = 0 ] || fail "damaged frames: $(counted damaged)"
     grep -o 'camera opened: .*' $work/log
-    [ "$status" = 0 ] || fail 'the face is not the face of the clip'
+    python3 $work/judge.py clip $work/packets.csv $work/shown.csv $work/truth.csv || fail 'the face is not the face of the clip'
 }
 
 # refuses STATUS DEVICE FORMAT PATTERN: `facewire check` ends with this status and says one sentence, which matches

@@ -1,7 +1,5 @@
 #!/bin/sh
-# v4l2loopback in Motion-JPEG: the packets show the face of the clip.
+# v4l2loopback in Motion-JPEG: the packets show the face of the clip, in 8 frames in which eyes and mouth open and close.
 . cases/lib.sh
-play() { feed-video $work/clip.avi mjpeg "$1"; }
-stop_playing() { feed-video stop; }
 configure /dev/video0 mjpeg
-show_clip
+show_clip mjpeg 196 228 4

@@ -1,7 +1,5 @@
 #!/bin/sh
-# A USB webcam, by the kernel's own driver, in Motion-JPEG: the packets show the face of the clip.
+# A USB webcam, by the kernel's own driver, in Motion-JPEG: the packets show the face of the clip, from its begin to its end.
 . cases/lib.sh
-play() { uvc-camera plug $work/clip.avi "$1"; }
-stop_playing() { uvc-camera unplug; }
 configure auto
-show_clip
+show_clip uvc 0 240 4

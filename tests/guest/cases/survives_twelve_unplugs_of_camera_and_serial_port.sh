@@ -1,5 +1,5 @@
 #!/bin/sh
-# In one run, the camera and the serial port are unplugged and plugged in again twenty times each, also under other
+# In one run, the camera and the serial port are unplugged and plugged in again twelve times each, also under other
 # numbers.
 . cases/lib.sh
 cp receivers.py endurance.py $work
@@ -14,4 +14,4 @@ kind = "serial"
 device = "/dev/serial/by-id/usb-Arduino_8036_1234-if00"
 CONFIG
 film_without_a_face $work/grey.avi
-python3 $work/endurance.py $work $work/grey.avi 20 || fail 'after so many unplugs something is not as it should be'
+python3 $work/endurance.py $work $work/grey.avi 12 || fail 'after so many unplugs something is not as it should be'

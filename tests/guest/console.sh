@@ -41,7 +41,7 @@ fi
 # Puts the frame before the camera that the host wants, once it wants another.
 pose() { [ ! -e /host/pose.jpg ] || { cp /host/pose.jpg $work/next.jpg && mv $work/next.jpg $work/pose.jpg && rm /host/pose.jpg; }; }
 pose
-feed-video $work/pose.jpg still 2
+feed-video $work/pose.jpg 2
 usb-acm plug
 usb-acm unplug
 echo 0x1ffb >/sys/kernel/config/usb_gadget/acm/idVendor

@@ -20,9 +20,10 @@ import time
 
 from receivers import await_that
 
-# Seconds after which a frame that no packet tells of is shown again: nobody may have read it, or the face was lost in it,
-# and is looked for in the next frame.
-AGAIN_S = 5
+# A frame is shown again until a packet has its pose: nobody may have read it, a neutral face needs three poses in a row, and a
+# face that was lost is looked for in the next frame. That is after AGAIN_S, on a slow machine after AGAIN_TIMES what the
+# slowest frame has taken, and at last before the service takes the camera for stuck.
+AGAIN_S, AGAIN_TIMES, AGAIN_AT_LAST_S = 1, 1.5, 15
 SIZE = (640, 480)
 # struct v4l2_format: the type for output, and its fields up to the colour space.
 SET_FORMAT, OUTPUT, FORMAT_BYTES = 0xC0D05605, 2, 208
@@ -93,18 +94,26 @@ class Poses:
         return next((time_us for time_us in times_us if (time_us - shown_us) % (1 << 32) < 1 << 31), None)
 
 
-def captured(camera, number, poses):
-    """Shows a frame until a packet gives its pose; returns the time of capture in it."""
-    begun = time.monotonic()
-    shown = []
+class Screen:
+    """Shows frames to a camera. `slowest_s` is the longest time from a frame to the packet with its pose."""
 
-    def found():
-        if time.monotonic() >= begun + AGAIN_S * len(shown):
-            shown.append(number)
-            camera.show(number)
-        return poses.captured_since(int(begun * 1e6))
+    def __init__(self, camera, poses):
+        self.camera, self.poses, self.slowest_s = camera, poses, 0.0
 
-    return await_that(f"the pose of frame {number}", found)
+    def show(self, number):
+        """Shows a frame until a packet gives its pose; returns the time of capture in it."""
+        begun, due = time.monotonic(), 0.0
+
+        def captured():
+            nonlocal due
+            if time.monotonic() >= due:
+                self.camera.show(number)
+                due = time.monotonic() + min(max(AGAIN_S, AGAIN_TIMES * self.slowest_s), AGAIN_AT_LAST_S)
+            return self.poses.captured_since(int(begun * 1e6))
+
+        captured_us = await_that(f"the pose of frame {number}", captured)
+        self.slowest_s = max(self.slowest_s, time.monotonic() - begun)
+        return captured_us
 
 
 def main():
@@ -114,8 +123,8 @@ def main():
     name, film, packets, shown = sys.argv[1:5]
     numbers = range(*map(int, sys.argv[5:]))
     camera = Webcam(film) if name == "uvc" else Loopback(film, name, numbers)
-    poses = Poses(packets)
-    rows = [(number, captured(camera, number, poses)) for number in numbers]
+    screen = Screen(camera, Poses(packets))
+    rows = [(number, screen.show(number)) for number in numbers]
     with open(f"{shown}.new", "w", newline="") as file:
         csv.writer(file).writerows([("frame", "capture_us"), *rows])
     os.rename(f"{shown}.new", shown)

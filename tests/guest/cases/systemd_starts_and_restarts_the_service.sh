@@ -97,10 +97,8 @@ systemctl reload facewire
 await told 1 'settings refused: the current ones stay'
 [ "$(property MainPID)" = "$pid" ] || fail 'bad settings ended the running service'
 systemctl restart facewire 2>$work/said && fail 'it started with bad settings'
+# A unit that systemd is going to start again is not failed meanwhile, but "activating".
 await is_refused
-# systemd would start it again after half a second.
-sleep 2
-is_refused || fail "bad settings: $(systemctl status facewire)"
 [ "$(property NRestarts)" = 0 ] || fail "bad settings: started again $(property NRestarts) times"
 echo "bad settings: exit status $(property ExecMainStatus), not started again"
 

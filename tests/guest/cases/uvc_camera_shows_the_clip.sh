@@ -1,5 +1,5 @@
 #!/bin/sh
-# A USB webcam, by the kernel's own driver, in Motion-JPEG: the packets show the face of the clip, from its begin to its end.
+# A USB webcam, by the kernel's own driver, in Motion-JPEG: the packets show the face of the clip, from its first frame to its last.
 . cases/lib.sh
 configure auto
 show_clip uvc 0 240 4

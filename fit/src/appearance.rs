@@ -13,9 +13,9 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{Appearances, Sample};
-use crate::design::MODELLED;
 use crate::faces::Faces;
 use crate::network::{Batch, Examples, Network, Training, Units, importance, noise, number, numbers};
+use crate::shapes::MODELLED;
 
 /// Deviation of the noise on each input, in deviations of the input.
 const NOISE: f32 = 1.0;

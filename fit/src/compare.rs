@@ -4,8 +4,8 @@
 //! subjects). The scores are on held-out subjects, which neither the fits nor the choice see. Features are selected
 //! anew for every fold. The same data give the same results, except for times.
 
-mod choice;
-mod trial;
+pub mod choice;
+pub mod trial;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -20,11 +20,11 @@ use serde_json::json;
 use self::choice::{Budget, Choice};
 use self::trial::{Trial, Trials};
 use crate::dataset::{self, Sample, held_out};
-use crate::design::{index_of, modelled};
 use crate::faces::Faces;
 use crate::kinds::{self, Kind};
 use crate::output::{self, Table};
 use crate::paper::{Fitted, MODELS_TITLE, model_rows, with_papers};
+use crate::shapes::{index_of, modelled};
 use crate::train;
 
 /// The budget of the whole solver: memory, and time for one face.
@@ -96,7 +96,7 @@ impl FitArgs {
     }
 
     /// Returns the kinds to fit. An export without a list of kinds fits only those that model files can hold.
-    fn kinds(&self) -> Result<Kinds> {
+    pub fn kinds(&self) -> Result<Kinds> {
         let mut kinds = self.options.kinds()?;
         if self.export.is_some() && self.options.kinds.is_empty() {
             kinds.each.retain(|kind| kind.form.is_formula());
@@ -157,7 +157,7 @@ fn beside_the_paper(choice: &Choice, faces: &Faces, split: &Split) -> Table {
     with_papers(&fitted.iter().collect::<Vec<_>>(), model_rows(choice.blendshape))
 }
 
-struct Kinds {
+pub struct Kinds {
     each: Vec<&'static Kind>,
     hidden_layer: bool,
 }
@@ -167,7 +167,7 @@ impl FitOptions {
         Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
 
-    fn run_trials(
+    pub fn run_trials(
         &self,
         samples: &[Sample],
         faces: &Faces,
@@ -204,7 +204,7 @@ impl FitOptions {
         Ok(tried)
     }
 
-    fn kinds(&self) -> Result<Kinds> {
+    pub fn kinds(&self) -> Result<Kinds> {
         let mut each: Vec<&'static Kind> = kinds::ALL.iter().collect();
         let known: Vec<&str> = each.iter().map(|kind| kind.name).chain([trial::HIDDEN_LAYER]).collect();
         for name in &self.kinds {
@@ -284,78 +284,5 @@ impl Split {
         let mut sums = vec![0.0; self.group.iter().max().map_or(0, |last| last + 1)];
         self.seen.iter().zip(squared).for_each(|(row, error)| sums[self.group[*row]] += error - mean);
         [mean, sums.iter().map(|sum| sum * sum).sum::<f64>().sqrt() / count]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use facewire_face::Landmarks;
-
-    use super::*;
-    use crate::reference;
-
-    fn to_kinds(kinds: [&str; 2]) -> FitOptions {
-        FitOptions::to_kinds(kinds.map(str::to_owned).into())
-    }
-
-    #[test]
-    fn unknown_kinds_are_refused_with_the_known_ones_and_so_is_the_tongue() {
-        let error = to_kinds(["ols", "lasso"]).kinds().err().unwrap().to_string();
-        assert!(error.contains("lasso") && error.contains("ridge") && error.contains(trial::HIDDEN_LAYER), "{error}");
-        assert!(modelled("tongueOut").is_err());
-    }
-
-    #[test]
-    fn the_jaw_of_unseen_subjects_is_found_by_an_affine_model_and_better_by_a_quadratic_one() {
-        let Some(path) = reference::shared("dataset/train.npz") else { return };
-        let samples = dataset::load(&path).unwrap();
-        let faces = Faces::new(&samples, true).unwrap();
-        let split = Split::new(&samples, 3, false).unwrap();
-        let options = FitOptions { blendshapes: vec![index_of("jawOpen")], ..to_kinds(["ols", "poly"]) };
-        let tried = options.run_trials(&samples, &faces, &split, &options.kinds().unwrap()).unwrap();
-        let of = |kind: &str| tried[0].1.iter().find(|trial| trial.name() == kind).unwrap();
-        assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);
-        let [validation, error] = of("ols").validation;
-        assert!((validation - of("ols").mse).abs() < 4.0 * error, "{validation} {error}");
-    }
-
-    fn samples(subjects: usize, each: usize) -> Vec<Sample> {
-        let sample = |row: usize| Sample { subject: row / each, ..Sample::of_test(Landmarks::zero(), row) };
-        (0..subjects * each).map(sample).collect()
-    }
-
-    #[test]
-    fn no_subject_is_in_two_folds() {
-        let samples = samples(32, 3);
-        let split = Split::new(&samples, 3, false).unwrap();
-        let subjects = |rows: &[usize]| rows.iter().map(|row| samples[*row].subject).collect::<BTreeSet<_>>();
-        assert!(subjects(&split.seen).is_disjoint(&subjects(&split.held_out)));
-        for fold in 0..3 {
-            let (training, validation) = (split.training(fold), split.validation(fold));
-            assert!(subjects(&training).is_disjoint(&subjects(&validation)));
-            assert_eq!(training.len() + validation.len(), split.seen.len());
-        }
-    }
-
-    #[test]
-    fn pictures_of_one_subject_are_split_evenly_and_too_few_subjects_for_the_folds_are_refused() {
-        let split = Split::new(&samples(1, 400), 3, false).unwrap();
-        assert!(split.one_subject && split.held_out.len() == 100);
-        assert!((0..3).all(|fold| split.validation(fold).len().abs_diff(100) < 3));
-        assert!(Split::new(&samples(9, 2), 30, false).is_err() && Split::new(&samples(32, 2), 1, false).is_err());
-    }
-
-    #[test]
-    fn an_error_that_all_pictures_of_a_subject_share_counts_once() {
-        let apart = Split::new(&samples(1, 400), 3, true).unwrap();
-        let together = Split::new(&samples(100, 4), 3, false).unwrap();
-        let of_subject = |split: &Split| split.seen.iter().map(|row| (row / 4 % 2) as f64).collect::<Vec<_>>();
-        let [mean, error] = together.mean_error(&of_subject(&together));
-        // Of the 88 seen subjects, 38 have odd numbers.
-        let deviation = |mean: f64| (mean * (1.0 - mean)).sqrt();
-        assert!((mean - 38.0 / 88.0).abs() < 1e-9, "{mean}");
-        assert!((error - deviation(mean) / 88_f64.sqrt()).abs() < 1e-6, "{error}");
-        let [mean, error] = apart.mean_error(&of_subject(&apart));
-        assert!((error - deviation(mean) / 300_f64.sqrt()).abs() < 1e-6, "{error}");
     }
 }

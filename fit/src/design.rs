@@ -4,31 +4,15 @@
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{FEATURES, MEASURES};
 use facewire_face::stages::{Coefficients, MIRRORED, normalise};
-use facewire_face::{BLENDSHAPES, LANDMARKS, Landmarks};
+use facewire_face::{LANDMARKS, Landmarks};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::Sample;
 use crate::faces::Faces;
+use crate::shapes::MODELLED;
 
-/// Number of blendshapes that the model predicts: all but the last, `tongueOut`.
-pub const MODELLED: usize = BLENDSHAPES.len() - 1;
 const BLOCK: usize = 4096;
-
-pub fn find(name: &str) -> Option<usize> {
-    BLENDSHAPES.iter().position(|known| *known == name)
-}
-
-/// Reads the name of a blendshape that the model predicts, for options.
-pub fn modelled(name: &str) -> Result<usize, String> {
-    find(name)
-        .filter(|index| *index < MODELLED)
-        .ok_or_else(|| "not a blendshape that landmarks show: names are like eyeBlinkLeft".to_owned())
-}
-
-pub fn index_of(name: &str) -> usize {
-    find(name).unwrap_or_default()
-}
 
 pub struct Design<'a> {
     samples: &'a [Sample],

@@ -1,6 +1,6 @@
 //! `facewire-fit evaluate`: compares the curves of a tracker with true curves, or with those of another tracker.
 
-mod align;
+pub mod align;
 
 use std::path::PathBuf;
 
@@ -100,7 +100,7 @@ fn positive(text: &str) -> Result<f64, String> {
 // Scores each blendshape by several metrics, and averages them.
 
 /// Name, title and decimals of the metrics, in the order of [`Score::metrics`].
-const COLUMNS: [(&str, &str, usize); 11] = [
+pub const COLUMNS: [(&str, &str, usize); 11] = [
     ("pearson", "r", 3),
     ("spearman", "rho", 3),
     ("xi", "xi", 3),
@@ -117,15 +117,15 @@ const COLUMNS: [(&str, &str, usize); 11] = [
 type Metrics = [Option<f64>; COLUMNS.len()];
 
 #[derive(Debug, Clone, PartialEq)]
-struct Score {
+pub struct Score {
     blendshape: &'static str,
     moves: bool,
-    metrics: Metrics,
+    pub metrics: Metrics,
     /// The event counts, or `None` if events were annotated, but not of this blendshape.
-    events: Option<EventCounts>,
+    pub events: Option<EventCounts>,
 }
 
-fn all(aligned: &Aligned, annotations: Option<&Annotations>, limits: EventLimits) -> Vec<Score> {
+pub fn all(aligned: &Aligned, annotations: Option<&Annotations>, limits: EventLimits) -> Vec<Score> {
     aligned.pairs.iter().map(|pair| one(pair, &aligned.times_s, annotations, limits)).collect()
 }
 
@@ -231,7 +231,7 @@ fn notes(scores: &[Score]) -> String {
     )
 }
 
-fn json(aligned: &Aligned, scores: &[Score]) -> Value {
+pub fn json(aligned: &Aligned, scores: &[Score]) -> Value {
     let moving = || scores.iter().filter(|score| score.moves);
     let in_paper = moving().filter(|score| paper_row(score.blendshape).is_some());
     let row = |score: &Score| {
@@ -257,39 +257,4 @@ fn json(aligned: &Aligned, scores: &[Score]) -> Value {
 
 fn named(metrics: &Metrics) -> Value {
     COLUMNS.iter().zip(metrics).map(|((name, ..), value)| ((*name).to_owned(), json!(value))).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const LIMITS: EventLimits = EventLimits { f_min: 0.3, tolerance_s: 0.5 };
-
-    fn aligned(estimate: Vec<f64>, truth: Vec<f64>) -> Aligned {
-        let times_s = (0..truth.len()).map(|frame| frame as f64 / 30.0).collect();
-        let pairs = vec![Pair { blendshape: "jawOpen", estimate, truth }];
-        Aligned { times_s, shift_frames: 0, steps_s: [1.0 / 30.0; 2], pairs, unmatched: [vec![], vec![]] }
-    }
-
-    fn metric(score: &Score, name: &str) -> Option<f64> {
-        score.metrics[COLUMNS.iter().position(|(known, ..)| *known == name).unwrap()]
-    }
-
-    #[test]
-    fn a_truth_at_rest_has_jitter_and_deviation_but_no_correlation() {
-        let shaken = (0..90).map(|frame| if frame % 2 == 0 { 0.0 } else { 0.1 }).collect();
-        let score = &all(&aligned(shaken, vec![0.0; 90]), None, LIMITS)[0];
-        assert_eq!([metric(score, "pearson"), metric(score, "f1")], [None, None]);
-        assert!((metric(score, "jitter_at_rest").unwrap() - 0.1).abs() < 1e-12);
-        assert!((metric(score, "msd").unwrap() - 0.005).abs() < 1e-12);
-    }
-
-    #[test]
-    fn with_annotations_only_annotated_blendshapes_have_events() {
-        let curve: Vec<f64> = (0..90).map(|frame| (f64::from(frame) / 10.0).sin()).collect();
-        let derived = &all(&aligned(curve.clone(), curve.clone()), None, LIMITS)[0];
-        assert_eq!(metric(derived, "f1"), Some(1.0));
-        let none = Annotations::default();
-        assert_eq!(all(&aligned(curve.clone(), curve), Some(&none), LIMITS)[0].events, None);
-    }
 }

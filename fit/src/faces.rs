@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{Appearances, Person, Sample, held_out};
-use crate::design::MODELLED;
+use crate::shapes::MODELLED;
 use crate::statistics::{mean, mse, pearson, standard_deviation};
 
 /// Number of passes over the pictures when timing. The fastest pass counts, because other load disturbs it least.
@@ -153,35 +153,4 @@ pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     };
     let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
     Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::dataset::{self, tests::test_faces};
-    use crate::reference;
-
-    fn assert_correlates(samples: &[Sample], bounds: [(bool, f64, f64); 2]) {
-        let model = Model::embedded();
-        for (neutral_known, least_r, most_mse) in bounds {
-            let faces = Faces::new(samples, neutral_known).expect("faces");
-            let scores = scores(&model, &faces, &faces.rows(true).expect("all")).expect("scores");
-            let shown = || scores[..scores.len() - 1].iter();
-            let [r, mse] = [0, 1].map(|figure: usize| mean(shown().map(|score| score[figure])));
-            assert!(r >= least_r && mse <= most_mse, "neutral known: {neutral_known}, r {r}, MSE {mse}");
-        }
-    }
-
-    #[test]
-    fn the_shipped_model_correlates_on_faces_that_the_fit_never_saw() {
-        assert_correlates(&test_faces(), [(true, 0.72, 0.013), (false, 0.68, 0.015)]);
-    }
-
-    #[test]
-    fn the_shipped_model_correlates_on_held_out_people_of_another_renderer_and_tracker() {
-        let Some(path) = reference::shared("dataset/train.npz") else { return };
-        let mut samples = dataset::load(&path).expect("a dataset");
-        samples.retain(Sample::held_out);
-        assert_correlates(&samples, [(true, 0.68, 0.012), (false, 0.63, 0.0145)]);
-    }
 }

@@ -71,27 +71,3 @@ fn least_squares(columns: &[SVector<f64, COLUMNS>], truths: &[[f32; 2]], axis: u
     (0..INPUTS.len()).for_each(|index| gram[(index, index)] += ridge);
     Ok(gram.cholesky().context("the eyes never move in these faces")?.solve(&cross))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::dataset::tests::test_faces;
-    use crate::statistics::pearson;
-
-    #[test]
-    fn map_follows_the_turn_of_the_eyes_in_faces_of_many_people() {
-        let faces = test_faces();
-        let design = Design::new(&faces).expect("faces");
-        let table = fit(&design, &Scale::of(&design, 0.005)).expect("eyes that move");
-        let turn = |face: usize| {
-            let input = |(name, input): (&String, &InputTable)| {
-                input.weights[0] * f64::from(design.value(face, FeatureId::from_name(name).expect("known").index()))
-            };
-            table.offsets.neutral_known[0] + table.inputs.iter().map(input).sum::<f64>()
-        };
-        let truth = |face| f64::from(Gaze::of(&design.coefficients(face)).yaw_pitch_deg[0]);
-        let (turns, truths): (Vec<f64>, Vec<f64>) = (0..faces.len()).map(|face| (turn(face), truth(face))).unzip();
-        let r = pearson(&turns, &truths);
-        assert!(r > 0.4, "{r}");
-    }
-}

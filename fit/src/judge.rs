@@ -1,7 +1,7 @@
 //! `facewire-fit judge`: how good a model is by facewire's own solver, and how sure that is.
 
 pub mod figures;
-mod gaze;
+pub mod gaze;
 pub mod set;
 pub mod tables;
 

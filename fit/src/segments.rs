@@ -7,7 +7,7 @@
 //! features that move with this blendshape from those that move with others that usually accompany it. The model that
 //! facewire runs shares its features among all blendshapes and selects them in another way (`design.rs`).
 
-mod tables;
+pub mod tables;
 
 use std::path::PathBuf;
 
@@ -19,8 +19,8 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{self, Sample};
-use crate::design::{MODELLED, modelled};
 use crate::faces::Faces;
+use crate::shapes::{MODELLED, modelled};
 use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation, subsample};
 use crate::{kinds, output};
 
@@ -67,11 +67,11 @@ pub fn run(args: &SelectArgs) -> Result<()> {
     output::write_page(&args.out, "Segmentation", &contents, &names, &body)
 }
 
-fn kept_count(percentile: f64) -> usize {
+pub fn kept_count(percentile: f64) -> usize {
     (MEASURES as f64 * percentile / 100.0).ceil() as usize
 }
 
-fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
+pub fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
     let moving = pictures.known.moving(wanted, &[&pictures.seen, &pictures.held_out])?;
     let (r, partial_f) = (pictures.correlations(&moving), pictures.partial_f(&moving)?);
     let mut segments = Vec::new();
@@ -90,7 +90,7 @@ const NAMES: [&str; 3] = ["r", "F", "SVR"];
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 #[derive(Debug, Clone, PartialEq)]
-struct Ranking {
+pub struct Ranking {
     pub scores: Vec<f64>,
     /// Rank of each feature, from 1. Of features with equal scores, the first has the better rank.
     pub ranks: Vec<usize>,
@@ -114,7 +114,7 @@ impl Ranking {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-struct Segment {
+pub struct Segment {
     pub blendshape: usize,
     pub r: Vec<f64>,
     /// F of each feature alone, which has the order of `r` squared.
@@ -145,7 +145,7 @@ impl Segment {
 const ANGLES: usize = 3;
 
 /// Pictures of subjects that the fit may see, to rank features on, and held-out ones to judge support vectors by.
-struct Pictures<'a> {
+pub struct Pictures<'a> {
     samples: &'a [Sample],
     pub known: &'a Faces<'a>,
     pub seen: Vec<usize>,
@@ -223,53 +223,10 @@ fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) 
     [subsample(rests, most - showing.len()), showing].concat()
 }
 
-fn estimates(values: &[f64], truth: &[f64], others: &[f64]) -> Result<Vec<f64>> {
+pub fn estimates(values: &[f64], truth: &[f64], others: &[f64]) -> Result<Vec<f64>> {
     let (centre, deviation) = (mean(values.iter().copied()), standard_deviation(values).max(f64::EPSILON));
     let scaled = |value: &f64| (value - centre) / deviation;
     let faces = DMatrix::from_iterator(values.len(), 1, values.iter().map(scaled));
     let fitted = kinds::support_vectors(&faces, truth)?;
     Ok(others.iter().map(|value| fitted.predict(&[scaled(value)])).collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::dataset::tests::test_faces;
-    use serde_json::Value;
-
-    use super::*;
-
-    /// The landmark between nose and upper lip, and the inner edge of the upper lip.
-    const NOSE_BASE: usize = 2;
-    const UPPER_LIP: usize = 13;
-
-    #[test]
-    fn all_features_kept_for_jaw_open_are_at_mouth_and_chin() {
-        let samples = test_faces();
-        let known = Faces::new(&samples, true).unwrap();
-        let pictures = Pictures::new(&samples, &known).unwrap();
-        let segment = &segments(&pictures, &[modelled("jawOpen").unwrap()], kept_count(2.0), 20).unwrap()[0];
-        let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
-        let down = |landmark: usize| neutral.landmarks.0[landmark][1];
-        let landmarks = tables::landmarks(segment.kept());
-        assert!(landmarks.iter().all(|landmark| down(*landmark) > down(NOSE_BASE)), "{landmarks:?}");
-        assert!(landmarks.iter().filter(|landmark| down(**landmark) > down(UPPER_LIP)).count() > landmarks.len() / 2);
-    }
-
-    #[test]
-    fn the_best_feature_has_rank_1_equal_ones_keep_their_order_and_overlap_counts_the_best_in_common() {
-        let ranking = Ranking::new(vec![0.1, 0.9, 0.5, 0.9]);
-        assert_eq!((&ranking.ranks[..], &ranking.order[..]), (&[4, 1, 3, 2][..], &[1, 3, 2, 0][..]));
-        let other = Ranking::new(vec![0.1, 0.2, 0.3, 0.4]);
-        assert!((ranking.overlap(&other, 2) - 0.5).abs() < 1e-12 && (ranking.overlap(&ranking, 2) - 1.0).abs() < 1e-12);
-    }
-
-    /// The tolerance is large because the penalty does not include the offset in scikit-learn.
-    #[test]
-    fn estimates_agree_with_scikit_learn_within_0_04() {
-        let all: Value = serde_json::from_str(include_str!("../tests/reference.json")).unwrap();
-        let part = |name: &str| serde_json::from_value(all["support_vectors"][name].clone()).unwrap();
-        let [values, truth, places, theirs]: [Vec<f64>; 4] = ["values", "truth", "places", "estimates"].map(part);
-        let ours = estimates(&values, &truth, &places).unwrap();
-        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.04), "{ours:?} {theirs:?}");
-    }
 }

@@ -10,11 +10,12 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::appearance;
 use crate::dataset::{Appearances, Sample, held_out};
-use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
+use crate::design::{Basis, Design, Scale, select, with_mirrored};
 use crate::faces::{self, Faces};
 use crate::gaze;
 use crate::network::{Network, Training, TrainingData, Units, importance, number, numbers, rounded};
 use crate::output;
+use crate::shapes::MODELLED;
 
 const SELECTED: usize = 140;
 const COMPONENTS: usize = 300;

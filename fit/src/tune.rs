@@ -1,8 +1,8 @@
 //! `facewire-fit tune`: finds parameters from clips with truth. The corrective terms have a module of their own; here is the
 //! trial of every kind of filter with many times for each part of the face.
 
-mod correction;
-mod measure;
+pub mod correction;
+pub mod measure;
 
 use std::path::PathBuf;
 

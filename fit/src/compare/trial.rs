@@ -9,9 +9,10 @@ use serde::Serialize;
 
 use super::Split;
 use crate::dataset::Sample;
-use crate::design::{Design, MODELLED, with_mirrored};
+use crate::design::{Design, with_mirrored};
 use crate::faces::{Faces, estimates, fastest_ns, regression_ns};
 use crate::kinds::{Form, Formula, Kind, Limits, Predictor, suffix, with_response};
+use crate::shapes::MODELLED;
 use crate::statistics::{mse, pearson};
 use crate::train;
 
@@ -190,7 +191,7 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
+    pub fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
         let terms = Correction::default().0[self.blendshape];
         let one = |row: &usize| {
             let face: Vec<f64> = self.scale.standardised(faces, *row).collect();
@@ -275,16 +276,16 @@ impl Moments {
     }
 }
 
-struct Ranking {
-    gram: DMatrix<f64>,
-    cross: DMatrix<f64>,
+pub struct Ranking {
+    pub gram: DMatrix<f64>,
+    pub cross: DMatrix<f64>,
 }
 
 impl Ranking {
     /// Returns the `count` best features for a blendshape, by pivoted Cholesky decomposition. `rest` is the part of
     /// each feature's variance that the selected features do not explain, `covariance` the same of its covariance with
     /// the truth.
-    fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
+    pub fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
         let mut rest = self.gram.diagonal().add_scalar(NOISE);
         let mut covariance = self.cross.column(blendshape).into_owned();
         let mut chosen: Vec<usize> = Vec::new();
@@ -337,18 +338,4 @@ fn train_on(samples: &[Sample], rows: &[usize], epochs: usize) -> Result<ModelFi
     let own: Vec<Sample> = rows.iter().map(|row| samples[*row].clone()).collect();
     let file = ModelFile::new(String::new(), String::new());
     train::fit(&Design::new(&with_mirrored(&own)?)?, epochs, file)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_feature_that_repeats_a_selected_one_comes_after_one_that_adds_information() {
-        // Two copies of a strong feature, and a weak feature independent of them.
-        let gram = DMatrix::from_row_slice(3, 3, &[1.0, 0.99, 0.0, 0.99, 1.0, 0.0, 0.0, 0.0, 1.0]);
-        let ranking = Ranking { gram, cross: DMatrix::from_column_slice(3, 1, &[0.8, 0.79, 0.2]) };
-        assert_eq!(ranking.best(0, 3), [0, 2, 1]);
-        assert_eq!(ranking.best(0, 2), [0, 2]);
-    }
 }

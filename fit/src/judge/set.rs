@@ -206,16 +206,3 @@ pub fn playback(tracker: Option<Tracker>, model: &Model, profile: Profile, neutr
     let pipeline = Pipeline { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
     Playback::new(pipeline, &settings.failsafe)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_without_films_is_refused_with_the_remedy() {
-        let folder = tempfile::tempdir().expect("a folder");
-        std::fs::write(folder.path().join("01.csv"), "").expect("written");
-        let refusal = Clip::load_all(folder.path(), false).err().expect("refused").to_string();
-        assert!(refusal.contains("no .avi files") && refusal.contains("facewire-fit film"), "{refusal}");
-    }
-}

@@ -26,7 +26,7 @@ const LEAST_FACES: u32 = 20;
 type SmartTree = DecisionTreeRegressor<f64, f64, DenseMatrix<f64>, Vec<f64>>;
 
 /// Fits a tree with at most `depth` splits from root to leaf. `smartcore` counts nodes instead.
-fn tree(faces: &DenseMatrix<f64>, truth: &Vec<f64>, depth: u16) -> Result<SmartTree> {
+pub fn tree(faces: &DenseMatrix<f64>, truth: &Vec<f64>, depth: u16) -> Result<SmartTree> {
     let parameters = DecisionTreeRegressorParameters::default().with_max_depth(depth + 1);
     SmartTree::fit(faces, truth, parameters).context("cannot grow a tree")
 }
@@ -116,7 +116,7 @@ fn sample(shares: &[f64], random: &mut fastrand::Rng) -> Vec<usize> {
 }
 
 /// Reduces the shares of well predicted faces. Returns the odds that the tree is wrong, `None` without an error.
-fn reweight(shares: &mut [f64], estimates: &[f64], truth: &[f64]) -> Option<f64> {
+pub fn reweight(shares: &mut [f64], estimates: &[f64], truth: &[f64]) -> Option<f64> {
     let errors: Vec<f64> = estimates.iter().zip(truth).map(|(estimate, truth)| (estimate - truth).abs()).collect();
     let largest = errors.iter().copied().fold(0.0, f64::max);
     if largest <= 0.0 {
@@ -129,7 +129,7 @@ fn reweight(shares: &mut [f64], estimates: &[f64], truth: &[f64]) -> Option<f64>
     Some(odds)
 }
 
-fn median(mut weighted: Vec<(f64, f64)>) -> f64 {
+pub fn median(mut weighted: Vec<(f64, f64)>) -> f64 {
     weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = weighted.iter().map(|(_, weight)| weight).sum::<f64>() / 2.0;
     let mut sum = 0.0;
@@ -268,23 +268,5 @@ impl Predictor for Boosted {
     /// split less than leaves.
     fn numbers(&self) -> usize {
         4 * self.weights() - 3 * self.trees.len() + 1
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_median_is_weighted() {
-        assert!((median(vec![(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]) - 3.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn faces_that_a_tree_predicts_well_get_smaller_shares() {
-        let mut shares = vec![0.25; 4];
-        let odds = reweight(&mut shares, &[0.0, 0.0, 0.0, 1.0], &[0.0; 4]);
-        assert!(odds.is_some_and(|odds| (odds - 1.0 / 3.0).abs() < 1e-12), "{odds:?}");
-        assert!((shares[0] - 0.25 / 3.0).abs() < 1e-12 && (shares[3] - 0.25).abs() < 1e-12);
     }
 }

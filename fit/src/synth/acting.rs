@@ -16,7 +16,7 @@ use super::anatomy::{
     CONVERGENCE, Gaze, Region, constrain, joined, mirrored, open_for_closed_lips, partner, weaken_side,
 };
 use super::expression::Coefficients;
-use crate::design::{find, index_of};
+use crate::shapes::{find, index_of};
 
 /// Largest factor on the recorded frame that is added to a single shape.
 const TRACE: f32 = 0.15;
@@ -87,7 +87,7 @@ impl Expressions {
         face
     }
 
-    fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    pub fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let mut face = self.moments.composed(rng);
         for _ in 0..rng.random_range(ADDED) {
             let strength = rng.random();
@@ -178,14 +178,14 @@ impl Moments {
         self.frames.choose(rng).copied().unwrap_or([0.0; COEFFS])
     }
 
-    fn recorded(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    pub fn recorded(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let face = self.either_side(rng);
         let mut face = scaled(rng, face, SCALE);
         shift_gaze(rng, &mut face, 0.25);
         face
     }
 
-    fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    pub fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let mut face = [0.0; COEFFS];
         for region in Region::ALL {
             region.copy(&self.source(rng), &mut face);
@@ -200,7 +200,7 @@ impl Moments {
     }
 
     /// Returns the face of a person who speaks: the mouth between two sounds, under a calm upper face.
-    fn speech(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    pub fn speech(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let upper = self.source(rng);
         let mut face = scaled(rng, upper, CALM);
         let mouth = if rng.random() { self.spoken(rng) } else { self.spoken_over_a_trace(rng) };
@@ -249,7 +249,7 @@ impl Moments {
     }
 
     /// Returns the indices of two frames that are at least [`APART`] frames apart, if there are so many.
-    fn apart(&self, rng: &mut ChaCha8Rng) -> [usize; 2] {
+    pub fn apart(&self, rng: &mut ChaCha8Rng) -> [usize; 2] {
         let count = self.frames.len();
         let (one, least) = (rng.random_range(0..count), APART.min(count / 2));
         [one, (one + rng.random_range(least..=count - least)) % count]
@@ -361,103 +361,4 @@ pub fn spoken(rng: &mut ChaCha8Rng) -> Coefficients {
     let [one, other] = core::array::from_fn(|_| FACES.choose(rng).copied().unwrap_or([0.0; COEFFS]));
     let share: f32 = rng.random();
     core::array::from_fn(|index| (share * one[index] + (1.0 - share) * other[index]) * rng.random_range(ARTICULATION))
-}
-
-#[cfg(test)]
-mod tests {
-    use rand_chacha::rand_core::SeedableRng;
-
-    use super::*;
-    use crate::statistics::pearson;
-
-    fn drawn(moments: Moments, mix: &[Share], shapes: &[&str], count: usize) -> Vec<Coefficients> {
-        let shapes = shapes.iter().map(|name| index_of(name)).collect();
-        let expressions = Expressions::new(moments, mix, shapes).expect("a mixture");
-        let mut rng = ChaCha8Rng::seed_from_u64(5);
-        (0..count).map(|_| expressions.draw(&mut rng)).collect()
-    }
-
-    fn moments(count: u16) -> Moments {
-        Moments::new(&[(0..count).map(|frame| [f32::from(frame) / f32::from(count); COEFFS]).collect()])
-    }
-
-    #[test]
-    fn coefficients_are_bounded_lips_close_no_further_than_the_jaw_is_open_and_no_tongue_passes_them_further() {
-        let [close, open, tongue] = ["mouthClose", "jawOpen", "tongueOut"].map(index_of);
-        for kind in Kind::value_variants() {
-            for face in drawn(moments(200), &[(*kind, 1.0)], &[], 300) {
-                assert!(face.iter().all(|value| (0.0..=1.0).contains(value)), "{kind:?}");
-                let gap = face[open] - face[close];
-                assert!(gap >= 0.0 && face[tongue] <= gap / 0.15 + 1e-6, "{kind:?}");
-            }
-        }
-        let out = |face: &&Coefficients| face[tongue] > 0.0;
-        let faces = drawn(moments(200), &[(Kind::Tongue, 1.0)], &[], 1000);
-        assert!(faces.iter().all(|face| face[close] == 0.0 && face[open] >= 0.15));
-        assert!((500..700).contains(&faces.iter().filter(out).count()) && faces.iter().any(|face| face[tongue] > 0.9));
-    }
-
-    #[test]
-    fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
-        for mix in [&[(Kind::Single, 1.0), (Kind::Combined, 1.0)][..], &[(Kind::Grimace, 1.0)]] {
-            let faces = drawn(moments(200), mix, &[], 4000);
-            for index in 0..COEFFS - 1 {
-                let [strong, weak] = [0.6..1.1, 0.01..0.4]
-                    .map(|range: Range<f32>| faces.iter().filter(|face| range.contains(&face[index])).count());
-                assert!(strong > 20 && weak > 20, "{} {strong} {weak}", BLENDSHAPES[index]);
-            }
-        }
-    }
-
-    #[test]
-    fn only_chosen_shapes_are_shown_alone_and_kinds_are_drawn_as_often_as_the_mixture_says() {
-        let shapes = ["cheekPuff", "jawOpen"];
-        for face in drawn(Moments::new(&[vec![[0.0; COEFFS]]]), &[(Kind::Single, 1.0)], &shapes, 200) {
-            let mut shown = BLENDSHAPES.iter().zip(face).filter(|(_, value)| *value > 0.0);
-            assert!(shown.all(|(name, _)| shapes.contains(name)));
-        }
-        let mix = [(Kind::Rest, 3.0), (Kind::Recorded, 1.0), (Kind::Grimace, 0.0)];
-        let faces = drawn(Moments::new(&[vec![[0.5; COEFFS]]]), &mix, &[], 2000);
-        let rests = faces.iter().filter(|face| face.iter().all(|value| *value == 0.0)).count();
-        assert!((1400..1600).contains(&rests), "{rests}");
-    }
-
-    #[test]
-    fn halves_are_from_moments_far_apart() {
-        let (mut rng, moments) = (ChaCha8Rng::seed_from_u64(1), moments(300));
-        let mut seen = [false; 300];
-        for _ in 0..3000 {
-            let [upper, lower] = moments.apart(&mut rng);
-            let gap = upper.abs_diff(lower);
-            assert!((APART..=300 - APART).contains(&gap), "{upper} {lower}");
-            seen[lower] = true;
-        }
-        assert!(seen.iter().all(|seen| *seen), "every frame is used");
-        assert_eq!(super::tests::moments(1).apart(&mut rng), [0; 2]);
-    }
-
-    #[test]
-    fn regions_of_a_composed_face_come_from_different_moments() {
-        let (mut rng, moments) = (ChaCha8Rng::seed_from_u64(2), moments(1000));
-        let mean = |face: &Coefficients, names: [&str; 2]| {
-            f64::midpoint(face[index_of(names[0])].into(), face[index_of(names[1])].into())
-        };
-        let mut r = |draw: fn(&Moments, &mut ChaCha8Rng) -> Coefficients| {
-            let faces: Vec<Coefficients> = (0..2000).map(|_| draw(&moments, &mut rng)).collect();
-            let [brows, mouth] = [["browInnerUp", "browDownLeft"], ["jawOpen", "mouthFunnel"]]
-                .map(|names| faces.iter().map(|face| mean(face, names)).collect::<Vec<_>>());
-            pearson(&brows, &mouth)
-        };
-        let [composed, recorded] = [r(Moments::composed), r(Moments::recorded)];
-        assert!(composed.abs() < 0.1, "brows and mouth of composed faces: {composed}");
-        assert!(recorded > 0.7, "in recorded faces they go together: {recorded}");
-    }
-
-    #[test]
-    fn speech_moves_the_mouth_by_sounds_even_where_the_recorded_jaw_never_moves() {
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let still = Moments::new(&[vec![[0.0; COEFFS]; 100]]);
-        let open = (0..200).filter(|_| still.speech(&mut rng)[index_of("jawOpen")] > 0.02).count();
-        assert!((70..130).contains(&open), "half of the mouths are visemes: {open}");
-    }
 }

@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::expression::Coefficients;
-use crate::design::index_of;
+use crate::shapes::index_of;
 
 const ACTIVE: f32 = 0.3;
 /// Largest convergence of the eyes, as a share of `eyeLookIn`. Recorded eyes converge by 0.05.
@@ -17,7 +17,7 @@ pub const CONVERGENCE: f32 = 0.12;
 /// How far the lips are open, as `jawOpen` less `mouthClose`, to let the whole tongue pass.
 const LIPS_FOR_TONGUE: f32 = 0.15;
 /// Pairs of shapes that are not active together on a real face.
-const EXCLUSIVE: [(&str, &str); 10] = [
+pub const EXCLUSIVE: [(&str, &str); 10] = [
     ("eyeBlinkLeft", "eyeWideLeft"),
     ("eyeBlinkRight", "eyeWideRight"),
     ("jawLeft", "jawRight"),
@@ -30,12 +30,12 @@ const EXCLUSIVE: [(&str, &str); 10] = [
     ("mouthPucker", "mouthSmileRight"),
 ];
 /// `eyeLookIn`, `eyeLookOut`, `eyeLookUp` and `eyeLookDown` of the left and the right eye.
-static LOOK: LazyLock<[[usize; 4]; 2]> = LazyLock::new(|| {
+pub static LOOK: LazyLock<[[usize; 4]; 2]> = LazyLock::new(|| {
     ["Left", "Right"].map(|side| ["In", "Out", "Up", "Down"].map(|to| index_of(&format!("eyeLook{to}{side}"))))
 });
 static EXCLUSIVE_INDICES: LazyLock<[[usize; 2]; EXCLUSIVE.len()]> =
     LazyLock::new(|| EXCLUSIVE.map(|(one, other)| [one, other].map(index_of)));
-static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
+pub static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
 static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
 static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
 pub static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
@@ -155,52 +155,4 @@ pub fn enforce_limits(face: &mut Coefficients) {
     face[*MOUTH_CLOSE] = face[*MOUTH_CLOSE].min(face[*JAW_OPEN]);
     let lips_open = face[*JAW_OPEN] - face[*MOUTH_CLOSE];
     face[*TONGUE_OUT] = face[*TONGUE_OUT].min(lips_open / LIPS_FOR_TONGUE);
-}
-
-#[cfg(test)]
-pub mod tests {
-    use super::*;
-    use crate::design::find;
-
-    pub fn face(shapes: &[(&str, f32)]) -> Coefficients {
-        let mut face = [0.0; COEFFS];
-        for (name, value) in shapes {
-            face[find(name).expect("a blendshape")] = *value;
-        }
-        face
-    }
-
-    #[test]
-    fn all_names_are_of_blendshapes() {
-        assert!(EXCLUSIVE.iter().all(|(one, other)| find(one).is_some() && find(other).is_some()));
-        assert!(Region::ALL.iter().all(|region| REGIONS.contains(region)));
-        assert_eq!(REGIONS[index_of("cheekPuff")], Region::Mouth);
-        assert_eq!(LOOK.concat().into_iter().collect::<std::collections::BTreeSet<_>>().len(), 8);
-    }
-
-    #[test]
-    fn both_eyes_look_in_the_same_direction() {
-        let partner = |name: &str| partner(index_of(name)).map(|(partner, _)| BLENDSHAPES[partner]);
-        assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
-        assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
-        assert_eq!(partner("eyeLookUpLeft"), Some("eyeLookUpRight"));
-        assert_eq!(partner("eyeBlinkRight"), Some("eyeBlinkLeft"));
-        assert_eq!(partner("mouthLeft"), None);
-        let mut squinting = face(&[("eyeLookOutLeft", 0.8), ("eyeLookUpLeft", 0.5)]);
-        enforce_limits(&mut squinting);
-        let coupled =
-            [("eyeLookOutLeft", 0.4), ("eyeLookInRight", 0.4), ("eyeLookUpLeft", 0.25), ("eyeLookUpRight", 0.25)];
-        assert_eq!(squinting, face(&coupled));
-        let seen = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.6), ("eyeLookDownLeft", 0.3)]);
-        let gaze = Gaze::of(&seen);
-        assert!((gaze.left - 0.55).abs() < 1e-6 && (gaze.convergence - 0.05).abs() < 1e-6, "they may converge");
-    }
-
-    #[test]
-    fn mirrored_and_joined_faces_take_each_side_from_its_face() {
-        let one = face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.4), ("jawLeft", 0.2)]);
-        assert_eq!(mirrored(&one), face(&[("mouthSmileRight", 0.7), ("jawOpen", 0.4), ("jawRight", 0.2)]));
-        assert_eq!(joined(&one, &[0.0; COEFFS]), face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.2), ("jawLeft", 0.2)]));
-        assert_eq!(joined(&[0.0; COEFFS], &one), face(&[("jawOpen", 0.2)]));
-    }
 }

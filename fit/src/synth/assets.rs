@@ -13,8 +13,8 @@ use super::rig::{Rig, SimpleMesh, Triangle, normals, smoothstep, vertices_of};
 use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
 use super::tongue::below_tongue;
-use crate::design::{find, index_of};
 use crate::output;
+use crate::shapes::{find, index_of};
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
 const LEAST_VISIBILITY: f32 = 0.03;
@@ -99,7 +99,7 @@ fn is_skin(rig: &Rig) -> Vec<bool> {
     skin
 }
 
-fn textures(folder: &Path) -> Result<(Vec<String>, Vec<Texture>)> {
+pub fn textures(folder: &Path) -> Result<(Vec<String>, Vec<Texture>)> {
     let paths = output::files(folder, &["png", "jpg"])?;
     ensure!(!paths.is_empty(), "{} contains no PNG or JPEG images", folder.display());
     let names = paths.iter().filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned())).collect();
@@ -218,29 +218,4 @@ fn crows_feet(at: Vec2) -> f32 {
 /// Returns a periodic line: 1 at whole numbers, and 0 between them.
 fn line(phase: f32) -> f32 {
     (TAU * phase).cos().max(0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::reference;
-    use crate::synth::anatomy::tests::face;
-
-    #[test]
-    fn a_smile_on_one_side_folds_that_side_only_and_a_resting_face_is_smooth() {
-        let rig = Rig::load(Path::new(reference::RIG)).expect("a rig");
-        let wrinkles = Wrinkles::new(&rig);
-        let shown = |shapes: &[(&str, f32)]| {
-            let mut seen = Vec::new();
-            wrinkles.each(&face(shapes), |vertex, depth| seen.push((vertex, depth)));
-            seen
-        };
-        assert!(shown(&[]).is_empty());
-        let smile = shown(&[("mouthSmileLeft", 1.0)]);
-        assert!(smile.len() > 50 && smile.iter().all(|(vertex, _)| rig.neutral[*vertex].x >= 0.0));
-        let brows = shown(&[("browInnerUp", 1.0)]);
-        assert!(brows.iter().any(|(vertex, _)| rig.neutral[*vertex].x > 1.0));
-        assert!(brows.iter().any(|(vertex, _)| rig.neutral[*vertex].x < -1.0));
-        assert!(brows.iter().all(|(vertex, depth)| rig.neutral[*vertex].y > 6.0 && (0.0..=1.0).contains(depth)));
-    }
 }

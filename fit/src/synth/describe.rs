@@ -16,9 +16,9 @@ use rand_chacha::rand_core::SeedableRng;
 use super::anatomy::enforce_limits;
 use super::expression::Coefficients;
 use super::options::{Curves, MixOptions, Set, mix_text};
-use crate::design::MODELLED;
 use crate::drawing::{Axis, BLUE_INK, DrawError, ORANGE_INK, SIZE_PX, chart, svg};
 use crate::output::{self, Table, figure, number};
+use crate::shapes::MODELLED;
 use crate::statistics::{mean, pearson};
 
 #[derive(Debug, Args)]
@@ -74,30 +74,30 @@ fn table(faces: &[Coefficients]) -> String {
 }
 
 /// Coefficients above these limits count as visible and as strong.
-const VISIBLE: f64 = 0.1;
+pub const VISIBLE: f64 = 0.1;
 const STRONG: f64 = 0.3;
 const ZERO: f64 = 0.01;
 const QUANTILES: [f64; 4] = [0.5, 0.75, 0.9, 0.99];
 
-struct Figures {
+pub struct Figures {
     count: usize,
     /// Share of the expressions by their number of visible coefficients, from 0 on.
-    densities: Vec<f64>,
+    pub densities: Vec<f64>,
     strong: f64,
-    shapes: Vec<Marginal>,
+    pub shapes: Vec<Marginal>,
     correlations: DMatrix<f64>,
 }
 
-struct Marginal {
+pub struct Marginal {
     index: usize,
-    zero: f64,
-    quantiles: [f64; QUANTILES.len()],
+    pub zero: f64,
+    pub quantiles: [f64; QUANTILES.len()],
     /// If it has two sides: their mean absolute difference and their correlation. Only the left side has them.
-    sides: Option<[f64; 2]>,
+    pub sides: Option<[f64; 2]>,
 }
 
 impl Figures {
-    fn of(faces: &[Coefficients]) -> Self {
+    pub fn of(faces: &[Coefficients]) -> Self {
         let columns: Vec<Vec<f64>> =
             (0..COEFFS).map(|index| faces.iter().map(|face| f64::from(face[index])).collect()).collect();
         let mut densities = vec![0.0; COEFFS + 1];
@@ -113,12 +113,12 @@ impl Figures {
         }
     }
 
-    fn visible(&self) -> f64 {
+    pub fn visible(&self) -> f64 {
         self.densities.iter().enumerate().map(|(count, share)| count as f64 * share).sum()
     }
 
     /// Returns the smallest number of visible coefficients that this share of the expressions does not exceed.
-    fn density_quantile(&self, share: f64) -> usize {
+    pub fn density_quantile(&self, share: f64) -> usize {
         let mut sum = 0.0;
         let reached = |own: &f64| {
             sum += own;
@@ -145,7 +145,7 @@ impl Marginal {
     }
 }
 
-fn above(face: &Coefficients, limit: f64) -> usize {
+pub fn above(face: &Coefficients, limit: f64) -> usize {
     face.iter().filter(|value| f64::from(**value) > limit).count()
 }
 
@@ -155,7 +155,7 @@ const ROW_PX: i32 = 14;
 const RANGES_PX: u32 = 560;
 const TEXT: (&str, i32) = ("sans-serif", 10);
 
-fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
+pub fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
     let both = [(recorded, BLUE_INK), (sampled, ORANGE_INK)];
     let percent = |figures: &Figures| -> Vec<(f64, f64)> {
         figures.densities.iter().enumerate().map(|(count, share)| (count as f64, 100.0 * share)).collect()
@@ -289,42 +289,3 @@ fn side_table(recorded: &Figures, sampled: &Figures) -> Table {
 
 const CONTENTS: [(&str, &str); 4] =
     [("density", "Density"), ("shapes", "Blendshapes"), ("sides", "Left and right"), ("correlations", "Correlations")];
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::design::index_of;
-    use crate::synth::anatomy::tests::face as face_of;
-
-    /// Returns 11 faces: jawOpen rises from 0 to 1, mouthFunnel with it, mouthSmileLeft falls, mouthSmileRight by half.
-    fn faces() -> Vec<Coefficients> {
-        let face = |step: u8| {
-            let open = f32::from(step) / 10.0;
-            face_of(&[
-                ("jawOpen", open),
-                ("mouthFunnel", 0.2 * open),
-                ("mouthSmileLeft", 1.0 - open),
-                ("mouthSmileRight", (1.0 - open) / 2.0),
-            ])
-        };
-        (0..11).map(face).collect()
-    }
-
-    #[test]
-    fn figures_have_densities_quantiles_and_the_difference_of_both_sides() {
-        let near = |one: f64, other: f64| (one - other).abs() < 1e-6;
-        let halves = Figures::of(&[faces(), vec![[0.0; COEFFS]; 11]].concat());
-        assert!(
-            near(halves.densities[0], 0.5) && halves.density_quantile(0.5) == 0 && halves.density_quantile(1.0) == 4
-        );
-        let visible: usize = faces().iter().map(|face| above(face, VISIBLE)).sum();
-        assert!(near(halves.visible(), visible as f64 / 22.0) && near(halves.densities.iter().sum(), 1.0));
-        let figures = Figures::of(&faces());
-        let shape = |name: &str| &figures.shapes[index_of(name)];
-        assert!(near(shape("jawOpen").quantiles[0], 0.5) && near(shape("jawOpen").quantiles[2], 0.9));
-        assert!(near(shape("jawOpen").zero, 1.0 / 11.0) && near(shape("browInnerUp").zero, 1.0));
-        let [gap, r] = shape("mouthSmileLeft").sides.expect("two sides");
-        assert!(near(gap, 0.25) && near(r, 1.0), "{gap} {r}");
-        assert!(shape("jawOpen").sides.is_none() && shape("mouthSmileRight").sides.is_none());
-    }
-}

@@ -96,7 +96,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// Returns the film and the truth of each clip to write. With `--count`, makes the folder for them.
-fn files(options: &Options) -> Result<Vec<[PathBuf; 2]>> {
+pub fn files(options: &Options) -> Result<Vec<[PathBuf; 2]>> {
     let Options { out, truth, count, .. } = options;
     if let Some(truth) = truth {
         return Ok(vec![[out.clone(), truth.clone()]]);
@@ -161,7 +161,7 @@ fn chunk(id: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
 }
 
 /// Returns an AVI file with `frames` (JPEG images of `size`) at `rate` frames per second. It must be smaller than 4 GB.
-fn avi(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
+pub fn avi(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
     let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
     let largest = frames.iter().map(|frame| length(frame)).max().unwrap_or(0);
     let (mut images, mut index) = (Vec::new(), Vec::new());
@@ -179,51 +179,4 @@ fn avi(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
     let header = chunk(b"LIST", &[b"hdrl", &chunk(b"avih", &[&numbers(&main)]), &streams]);
     let images = chunk(b"LIST", &[b"movi", &images]);
     chunk(b"RIFF", &[b"AVI ", &header, &images, &chunk(b"idx1", &[&index])])
-}
-
-#[cfg(test)]
-mod tests {
-    use clap::Parser;
-    use facewire::capture::{AviSource, FrameRate, Source};
-
-    use super::*;
-
-    #[derive(Debug, Parser)]
-    struct Cli {
-        #[command(flatten)]
-        options: Options,
-    }
-
-    #[test]
-    fn with_a_count_the_clips_have_numbers_and_options_that_have_no_effect_are_refused() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let out = folder.path().join("clips").display().to_string();
-        let options = Cli::try_parse_from(["film", &out, "--count", "11"]).expect("no --truth needed").options;
-        let files = files(&options).expect("a folder");
-        assert_eq!(files.len(), 11);
-        assert!(files[0][0].ends_with("clips/01.avi") && files[10][1].ends_with("clips/11.csv"));
-        assert!(Cli::try_parse_from(["film", "a.avi"]).is_err_and(|error| error.to_string().contains("--truth")));
-        let parsed = |option: &[&str]| Cli::try_parse_from([&["film", "a.avi", "--truth", "a.csv"], option].concat());
-        parsed(&["--seconds", "10", "--skins", "one"]).expect("allowed");
-        for option in ["--count=3", "--mix=rest=1", "--shapes=jawOpen", "--turn-deg=1"] {
-            let error = parsed(&[option]).expect_err("refused").to_string();
-            assert!(error.contains("unexpected argument") || error.contains("cannot be used with"), "{error}");
-        }
-    }
-
-    #[test]
-    fn facewire_reads_size_rate_and_every_frame() {
-        let (pixels, format) = (vec![90_u8; 64 * 48 * 3], turbojpeg::PixelFormat::RGB);
-        let image = turbojpeg::Image { pixels, width: 64, pitch: 192, height: 48, format };
-        let jpeg = turbojpeg::compress(image.as_deref(), 80, turbojpeg::Subsamp::Sub2x1).expect("a JPEG").to_vec();
-        let film = avi(&[jpeg.clone(), jpeg.clone(), jpeg], [64, 48], 30);
-        let mut source = AviSource::open(film.as_slice(), "film", FrameRate::FPS_30).expect("an AVI file");
-        assert_eq!(source.frame_period_us(), Some(33_333));
-        let mut count = 0;
-        while let Some(frame) = source.next().expect("a frame") {
-            assert_eq!(frame.picture().map(|picture| [picture.width, picture.height]), Some([64, 48]));
-            count += 1;
-        }
-        assert_eq!(count, 3);
-    }
 }

@@ -10,27 +10,27 @@
 //! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows
 //! no tear film, pores or single hairs, and eyes, teeth and lips are where the rig has them.
 
-mod acting;
+pub mod acting;
 pub mod anatomy;
-mod archive;
-mod assets;
-mod camera;
-mod canvas;
+pub mod archive;
+pub mod assets;
+pub mod camera;
+pub mod canvas;
 pub mod describe;
 pub mod expression;
 pub mod film;
-mod options;
-mod paint;
-mod person;
-mod props;
-mod render;
-mod rig;
+pub mod options;
+pub mod paint;
+pub mod person;
+pub mod props;
+pub mod render;
+pub mod rig;
 pub mod run;
-mod sample;
-mod scene;
-mod script;
-mod shade;
-mod textures;
-mod tongue;
-mod variety;
-mod worker;
+pub mod sample;
+pub mod scene;
+pub mod script;
+pub mod shade;
+pub mod textures;
+pub mod tongue;
+pub mod variety;
+pub mod worker;

@@ -13,7 +13,7 @@ use super::rig::{Triangle, normals_into, smoothstep};
 use super::scene::{FACE_CM, PIVOT, Scene};
 use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
 use super::tongue::light_beside;
-use crate::design::index_of;
+use crate::shapes::index_of;
 
 const SHADOW_SIDE: usize = 200;
 /// Visibility of the sky directly behind the lips.

@@ -14,6 +14,7 @@ use super::assets::Assets;
 use super::options::{SceneOptions, Set, Sources, picture_size};
 use super::sample::Distribution;
 use super::worker::{ROW, Times, Worker};
+use crate::dataset::provenance;
 
 /// Increases when the same settings give other pictures.
 const EDITION: u32 = 11;
@@ -21,32 +22,32 @@ const EDITION: u32 = 11;
 #[derive(Debug, Args)]
 pub struct Options {
     /// The archive to write (npz); names.json and a text file with the settings are written beside it
-    out: PathBuf,
+    pub out: PathBuf,
     /// Number of pictures
     #[arg(long, default_value_t = 50_000)]
-    pictures: usize,
+    pub pictures: usize,
     /// Pictures of each subject, the first of them neutral
     #[arg(long, default_value_t = 25)]
-    per_subject: usize,
+    pub per_subject: usize,
     /// Seed of the random numbers; another seed gives other people
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub seed: u64,
     /// Set of textures and recordings to use
     #[arg(long, value_enum, default_value = "train")]
-    set: Set,
+    pub set: Set,
     /// Width and height of the pictures
     #[arg(long, num_args = 2, default_values_t = [320, 320], value_names = ["WIDTH", "HEIGHT"])]
-    size: Vec<usize>,
+    pub size: Vec<usize>,
     /// Number of threads [default: one per core]
     #[arg(long)]
-    threads: Option<usize>,
+    pub threads: Option<usize>,
     /// Folder for the first N pictures; pictures of an earlier run are not saved
     #[arg(long, num_args = 2, value_names = ["DIR", "N"])]
-    save_pictures: Vec<String>,
+    pub save_pictures: Vec<String>,
     #[command(flatten)]
-    sources: Sources,
+    pub sources: Sources,
     #[command(flatten)]
-    scenes: SceneOptions,
+    pub scenes: SceneOptions,
 }
 
 struct Job<'a> {
@@ -64,7 +65,7 @@ pub fn run(options: &Options) -> Result<()> {
     run_until(options, true)
 }
 
-fn run_until(options: &Options, whole: bool) -> Result<()> {
+pub fn run_until(options: &Options, whole: bool) -> Result<()> {
     let [width, height] = picture_size(&options.size)?;
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
     archive::check(&options.out)?;
@@ -110,11 +111,6 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         shards.remove()?;
     }
     Ok(())
-}
-
-/// Returns the text file beside an archive with the settings of its pictures. Its first line is a summary.
-pub fn provenance(archive: &Path) -> PathBuf {
-    archive.with_extension("txt")
 }
 
 fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
@@ -216,66 +212,5 @@ impl Progress {
         let left =
             if rate > 0.0 { format!("{:.0} min left", left / 60.0) } else { "remaining time unknown".to_owned() };
         format!("{} of {} pictures, {rate:.1} a second, {left}", self.done, self.wanted)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use clap::Parser;
-    use facewire_face::BLENDSHAPES;
-    use tempfile::TempDir;
-
-    use crate::{dataset, faces, reference};
-
-    use super::*;
-
-    #[derive(Parser)]
-    struct Cli {
-        #[command(flatten)]
-        options: Options,
-    }
-
-    fn options(folder: &Path, threads: &str) -> Options {
-        let [out, curves] = ["faces.npz", "curves.csv"].map(|name| folder.join(name));
-        let wave = |frame: usize, shape: usize| (0.07 * (frame * (1 + shape % 5) + 14 * shape) as f64).sin();
-        let row = |frame| (0..BLENDSHAPES.len()).map(move |shape| format!("{:.3}", wave(frame, shape).max(0.0) / 2.0));
-        let rows = (0..200).map(|frame| row(frame).collect::<Vec<_>>().join(",")).collect::<Vec<_>>();
-        std::fs::write(&curves, format!("{}\n{}\n", BLENDSHAPES.join(","), rows.join("\n"))).expect("written");
-        let [out, curves] = [out, curves].map(|path| path.display().to_string());
-        let fixed = ["synth", "--pictures", "6", "--per-subject", "2", "--size", "256", "256", "--seed", "7"];
-        let given = [out.as_str(), "--rig", reference::RIG, "--curves", &curves, "--threads", threads];
-        Cli::parse_from(fixed.iter().chain(&given)).options
-    }
-
-    fn made(options: &Options) -> Vec<u8> {
-        run(options).expect("an archive");
-        std::fs::read(&options.out).expect("the archive")
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_an_interruption() {
-        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
-        let [one, two, cut] = folders.each_ref().map(TempDir::path);
-        let whole = made(&options(one, "1"));
-        let saved = two.join("pictures");
-        let save_pictures = vec![saved.display().to_string(), "3".to_owned()];
-        assert_eq!(whole, made(&Options { save_pictures, ..options(two, "2") }), "threads have no influence");
-        assert_eq!(std::fs::read_dir(saved).expect("a folder").count(), 3, "as many are saved as requested");
-        run_until(&Options { pictures: 2, ..options(cut, "1") }, false).expect("the first subject");
-        assert_eq!(whole, made(&options(cut, "1")), "a resumed run gives the same file");
-    }
-
-    #[test]
-    fn the_solver_finds_the_true_pose_in_rendered_faces() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let few = options(folder.path(), "2");
-        let options = Options { pictures: 24, per_subject: 8, size: vec![400, 400], ..few };
-        run(&options).expect("an archive");
-        let samples = dataset::load(&options.out).expect("a dataset");
-        assert_eq!(samples.len(), 24);
-        let [yaw, pitch, roll] = faces::pose_error_deg(&samples).expect("poses");
-        assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
-        let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
-        assert!(mean_turn > 6.0, "heads must turn, or a wrong sign would go unnoticed: {mean_turn}");
     }
 }

@@ -55,7 +55,7 @@ pub struct Options {
     neutral_frames: u32,
 }
 
-type Pairs = Vec<[f64; 2]>;
+pub type Pairs = Vec<[f64; 2]>;
 
 pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
@@ -116,22 +116,22 @@ impl Fitted {
 }
 
 /// Returns the names of the blendshapes without their side. Both sides have the same terms.
-fn stems() -> Vec<String> {
+pub fn stems() -> Vec<String> {
     let mut known = BTreeSet::new();
     let shown = BLENDSHAPES.iter().filter(|name| **name != "tongueOut");
     shown.map(|name| stem(name)).filter(|stem| known.insert(stem.clone())).collect()
 }
 
-fn stem(name: &str) -> String {
+pub fn stem(name: &str) -> String {
     name.trim_end_matches("Left").trim_end_matches("Right").to_owned()
 }
 
 /// Returns the blendshapes of both sides.
-fn sides(stem: &str) -> Vec<usize> {
+pub fn sides(stem: &str) -> Vec<usize> {
     (0..COEFFS).filter(|shape| self::stem(BLENDSHAPES[*shape]) == stem).collect()
 }
 
-fn pairs(faces: &RawFaces, stem: &str) -> Pairs {
+pub fn pairs(faces: &RawFaces, stem: &str) -> Pairs {
     let shapes = sides(stem);
     let pair = |(raw, truth): &([f32; COEFFS], [f64; COEFFS]), shape: usize| [f64::from(raw[shape]), truth[shape]];
     faces.iter().flat_map(|face| shapes.iter().map(move |shape| pair(face, *shape))).collect()
@@ -142,7 +142,7 @@ fn usual(stem: &str) -> CorrectiveTerms {
     Correction::default().0[sides(stem)[0]]
 }
 
-fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
+pub fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
     let CorrectiveTerms { shift, slope, lift, response: [from, to] } = usual(stem);
     let start = [shift, slope, lift, from, to].map(f64::from);
     let cost = |numbers: &[f64; 5]| {
@@ -218,29 +218,4 @@ fn improve<const N: usize>(best: &mut ([f64; N], f64), steps: &[f64; N], cost: &
         }
     }
     is_better
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::design::index_of;
-
-    #[test]
-    fn every_blendshape_but_the_tongue_has_terms_and_sides_share_them() {
-        let mut shapes: Vec<usize> = stems().iter().flat_map(|stem| sides(stem)).collect();
-        shapes.sort_unstable();
-        assert!(shapes.into_iter().eq(0..COEFFS - 1));
-        assert_eq!(sides("jaw"), ["jawLeft", "jawRight"].map(index_of));
-    }
-
-    #[test]
-    fn a_weak_reading_is_brought_to_its_range_and_a_resting_offset_removed() {
-        let truths = (0..200).map(|step| (f64::from(step) / 100.0 - 1.0).max(0.0));
-        let pairs: Pairs = truths.flat_map(|truth| [[0.04 + 0.6 * truth, truth]; 5]).collect();
-        let found = fit("noseSneer", &pairs);
-        for (raw, want) in [(0.04, 0.0), (0.34, 0.5), (0.64, 1.0)] {
-            let corrected = found.correct(raw, 0.0, 1.0);
-            assert!((corrected - want).abs() < 0.03, "{found:?}: {raw} gives {corrected}");
-        }
-    }
 }

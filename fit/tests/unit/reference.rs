@@ -1,6 +1,6 @@
 //! Data for tests: a small rig, which the repository contains, and data that it does not.
 
-#[path = "../../tests/common/skip.rs"]
+#[path = "../../../tests/common/skip.rs"]
 mod skip;
 
 use std::path::{Path, PathBuf};

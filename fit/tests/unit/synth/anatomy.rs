@@ -1,0 +1,46 @@
+use facewire_face::{BLENDSHAPES, COEFFS};
+use facewire_fit::shapes::find;
+use facewire_fit::shapes::index_of;
+use facewire_fit::synth::anatomy::*;
+use facewire_fit::synth::expression::Coefficients;
+
+pub fn face(shapes: &[(&str, f32)]) -> Coefficients {
+    let mut face = [0.0; COEFFS];
+    for (name, value) in shapes {
+        face[find(name).expect("a blendshape")] = *value;
+    }
+    face
+}
+
+#[test]
+fn all_names_are_of_blendshapes() {
+    assert!(EXCLUSIVE.iter().all(|(one, other)| find(one).is_some() && find(other).is_some()));
+    assert!(Region::ALL.iter().all(|region| REGIONS.contains(region)));
+    assert_eq!(REGIONS[index_of("cheekPuff")], Region::Mouth);
+    assert_eq!(LOOK.concat().into_iter().collect::<std::collections::BTreeSet<_>>().len(), 8);
+}
+
+#[test]
+fn both_eyes_look_in_the_same_direction() {
+    let partner = |name: &str| partner(index_of(name)).map(|(partner, _)| BLENDSHAPES[partner]);
+    assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
+    assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
+    assert_eq!(partner("eyeLookUpLeft"), Some("eyeLookUpRight"));
+    assert_eq!(partner("eyeBlinkRight"), Some("eyeBlinkLeft"));
+    assert_eq!(partner("mouthLeft"), None);
+    let mut squinting = face(&[("eyeLookOutLeft", 0.8), ("eyeLookUpLeft", 0.5)]);
+    enforce_limits(&mut squinting);
+    let coupled = [("eyeLookOutLeft", 0.4), ("eyeLookInRight", 0.4), ("eyeLookUpLeft", 0.25), ("eyeLookUpRight", 0.25)];
+    assert_eq!(squinting, face(&coupled));
+    let seen = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.6), ("eyeLookDownLeft", 0.3)]);
+    let gaze = Gaze::of(&seen);
+    assert!((gaze.left - 0.55).abs() < 1e-6 && (gaze.convergence - 0.05).abs() < 1e-6, "they may converge");
+}
+
+#[test]
+fn mirrored_and_joined_faces_take_each_side_from_its_face() {
+    let one = face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.4), ("jawLeft", 0.2)]);
+    assert_eq!(mirrored(&one), face(&[("mouthSmileRight", 0.7), ("jawOpen", 0.4), ("jawRight", 0.2)]));
+    assert_eq!(joined(&one, &[0.0; COEFFS]), face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.2), ("jawLeft", 0.2)]));
+    assert_eq!(joined(&[0.0; COEFFS], &one), face(&[("jawOpen", 0.2)]));
+}

@@ -1,23 +1,29 @@
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::fd::OwnedFd;
+use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
-use facewire_face::{Picture, Pixels};
-use facewire_packet::control::{ChannelStatus, Phase, PictureFormat};
-use facewire_packet::{State, yaw_pitch_roll_deg};
+use base64::{Engine as _, prelude::BASE64_STANDARD};
+use facewire_face::{Landmarks, Picture, Pixels};
+use facewire_packet::control::{ChannelStatus, Drive, Phase, PictureFormat, Progress, Refusal};
+use facewire_packet::{BLENDSHAPES, Reason, State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
 use triple_buffer::{Output as Newest, triple_buffer};
 
 use super::super::observer::{self, Observer};
 use super::super::picture;
+use super::calibrate::Guiding;
+use super::drive::DRIVE_PATIENCE;
 use super::*;
 use crate::calibration::test_wearer::{blank_model_file, pose};
-use crate::calibration::{Seen, Take, model_hash};
+use crate::calibration::{Guide, Seen, Take, model_hash};
 use crate::capture::{Content, Frame};
 use crate::config;
 use crate::link::{Panel, test_output, testing::eventually};
+use crate::pipeline::load_model;
 use crate::service::sender::Links;
 use facewire_servo::Board;
 

@@ -12,11 +12,12 @@ use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
 use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources, dmx::Encoding};
 
-use super::overlay::{Entry, Field, Overlay, Section, field, section};
+use super::overlay::{Entry, Field, Overlay, Reader, Section, field, section};
+use super::takes::Takes;
 use super::value::{
-    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, UP_TO_64_CHARACTERS, address, choice,
-    choices, flag, json_target, local_address, number, one_of, optional_address, parameters, serial_device,
-    socket_address, table, text, whole,
+    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, Table, UP_TO_64_CHARACTERS, address,
+    choice, choices, flag, json_target, local_address, number, optional_address, parameters, serial_device,
+    socket_address, text, whole,
 };
 
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
@@ -80,7 +81,7 @@ link_kinds! {
 
     Serial = "serial", SerialSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
-        baud: u32 = 115_200, whole(19_200..=4_000_000, " (1/s)");
+        baud: u32 = 115_200, whole(19_200..=4_000_000, "1/s");
     }
 
     LiveLink = "live-link", LiveLinkSettings {
@@ -110,29 +111,29 @@ link_kinds! {
 
     Maestro = "maestro", MaestroSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
-        baud: u32 = 115_200, whole(9_600..=MOST_MAESTRO_BAUD, " (1/s)");
+        baud: u32 = 115_200, whole(9_600..=MOST_MAESTRO_BAUD, "1/s");
         protocol: MaestroProtocol = MaestroProtocol::Compact, choice();
         device_number: u32 = 12, whole(0..=127, "");
         crc: bool = false, flag();
         multiple_targets: bool = false, flag();
         read_errors: bool = true, flag();
-        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+        channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
     Pca9685 = "pca9685", Pca9685Settings {
         bus: u32 = 1, whole(0..=255, "");
         address: u32 = 0x40, whole(0x40..=0x7f, "");
-        pulses_hz: u32 = 50, whole(40..=400, " (1/s)");
-        oscillator_hz: u32 = 25_000_000, whole(20_000_000..=30_000_000, " (Hz)");
-        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+        pulses_hz: u32 = 50, whole(40..=400, "1/s");
+        oscillator_hz: u32 = 25_000_000, whole(20_000_000..=30_000_000, "Hz");
+        channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
     BusServo = "bus-servo", BusServoSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
-        baud: u32 = 1_000_000, whole(9_600..=4_500_000, " (1/s)");
+        baud: u32 = 1_000_000, whole(9_600..=4_500_000, "1/s");
         family: &'static Family = Family::DYNAMIXEL_X, choice();
         unit: Unit = Unit::Steps, choice();
-        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+        channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
     Sacn = "sacn", SacnSettings {
@@ -142,7 +143,7 @@ link_kinds! {
         priority: u32 = 100, whole(0..=200, "");
         source: String = "facewire".to_owned(), text(UP_TO_64_CHARACTERS);
         whole_face: Encoding = Encoding::Bits8, choice();
-        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+        channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
     ArtNet = "artnet", ArtNetSettings {
@@ -150,7 +151,7 @@ link_kinds! {
         universe: u32 = 0, whole(0..=32_767, "");
         from: Option<SocketAddr> = None, local_address();
         whole_face: Encoding = Encoding::Bits8, choice();
-        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
+        channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
     IFacialMocap = "ifacialmocap", IFacialMocapSettings {
@@ -166,7 +167,7 @@ link_kinds! {
 section! {
     PaceSettings {
         pace: PaceKind = PaceKind::Pose, choice();
-        rate_hz: u32 = 0, whole(0..=240, " (1/s)");
+        rate_hz: u32 = 0, whole(0..=240, "1/s");
         loss: Loss = Loss::Neutral, choice();
     }
 }
@@ -190,27 +191,35 @@ impl Choice for &'static Family {
 }
 choices! { Encoding: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
-fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-    channels.extend(entry.each().iter().map(|entry| {
-        let mut channel = ChannelSettings::default();
-        file.section(&mut channel, entry);
-        channel
-    }));
+struct Channels;
+
+impl Reader<Vec<ChannelSettings>> for Channels {
+    fn takes(&self, _: &mut Vec<ChannelSettings>) -> Takes {
+        Takes::Channels
+    }
+
+    fn read(&self, channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        channels.extend(entry.each().iter().map(|entry| {
+            let mut channel = ChannelSettings::default();
+            file.section(&mut channel, entry);
+            channel
+        }));
+    }
 }
 
 impl Section for ChannelSettings {
     fn fields(&mut self) -> Vec<Field<'_>> {
         vec![
             field("channel", &mut self.channel, whole(0..=512, "")),
-            field("sources", &mut self.sources, table),
+            field("sources", &mut self.sources, Table),
             field("offset", &mut self.offset, number(-10.0..=10.0, "")),
-            field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, " (microseconds)")),
-            field("pulse_at_1_us", &mut self.pulse_at_1_us, whole(64..=4080, " (microseconds)")),
+            field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, "microseconds")),
+            field("pulse_at_1_us", &mut self.pulse_at_1_us, whole(64..=4080, "microseconds")),
             field("position_at_0", &mut self.position_at_0, number(0.0..=4095.0, "")),
             field("position_at_1", &mut self.position_at_1, number(0.0..=4095.0, "")),
             field("neutral", &mut self.neutral, number(-1.0..=1.0, "")),
-            field("speed_per_s", &mut self.speed_per_s, number(0.0..=100.0, " (1/s)")),
-            field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, " (1/s²)")),
+            field("speed_per_s", &mut self.speed_per_s, number(0.0..=100.0, "1/s")),
+            field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, "1/s²")),
             field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
             field("loss", &mut self.loss, choice()),
             field("dmx", &mut self.dmx, choice()),
@@ -225,6 +234,10 @@ impl Section for Sources {
 }
 
 impl LinkKind {
+    fn takes() -> Takes {
+        Takes::OneOf(Self::NAMES.to_vec())
+    }
+
     /// The address to which all datagrams go.
     pub fn address(&self) -> Option<Address> {
         match self {
@@ -297,7 +310,8 @@ impl LinkSettings {
         let mut link = Self { kind, ..Self::default() };
         if link.kind.channels().is_some() {
             let rate_hz = if link.kind.universe().is_some() { USUAL_HZ } else { SERVO_HZ };
-            (link.pace.pace, link.pace.rate_hz) = (PaceKind::Rate, rate_hz);
+            link.pace.pace = PaceKind::Rate;
+            link.pace.rate_hz = rate_hz;
         }
         link
     }
@@ -319,8 +333,7 @@ impl LinkSettings {
         let mut link = Self::default();
         if let Some(value) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
             let Some(kind) = value.get_ref().as_str().and_then(LinkKind::named) else {
-                let kinds = one_of(LinkKind::NAMES.iter().copied());
-                file.refuse(&Entry { path: "link.kind".to_owned(), value }, kinds);
+                file.refuse(&Entry { path: "link.kind".to_owned(), value }, LinkKind::takes().to_string());
                 return link;
             };
             link = Self::of(kind);
@@ -332,27 +345,37 @@ impl LinkSettings {
 
 impl Section for LinkSettings {
     fn fields(&mut self) -> Vec<Field<'_>> {
-        let mut fields: Vec<Field<'_>> = vec![("kind", Box::new(|_, _| {}))];
+        // `LinkSettings::read` has read it before.
+        let mut fields = vec![Field { key: "kind", takes: LinkKind::takes(), read: Box::new(|_, _| {}) }];
         fields.extend(self.kind.section().fields());
         fields.extend(self.pace.fields());
-        fields.push(field("adjust", &mut self.adjust, table));
+        fields.push(field("adjust", &mut self.adjust, Table));
         fields
     }
 
     fn objection(&mut self, key: &str) -> Option<String> {
         let mut others = LinkKind::NAMES.iter().filter_map(|name| LinkKind::named(name));
         let is_of_another = others.any(|mut kind| kind.section().keys().contains(&key));
-        let (kind, keys) = (self.kind.name(), self.keys().join(", "));
+        let kind = self.kind.name();
+        let keys = self.keys().join(", ");
         is_of_another.then(|| format!(" of a link with kind = \"{kind}\"; that has {keys}"))
     }
 }
 
 /// Reads the links of a file, which replace the default ones.
-pub(super) fn links(links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-    if entry.value.get_ref().as_array().is_none() {
-        return file.refuse(entry, "each link under its own [[link]]".to_owned());
+pub(super) struct Links;
+
+impl Reader<Vec<LinkSettings>> for Links {
+    fn takes(&self, _: &mut Vec<LinkSettings>) -> Takes {
+        Takes::Links
     }
-    *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
+
+    fn read(&self, links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        if entry.value.get_ref().as_array().is_none() {
+            return file.refuse(entry, Takes::Links.to_string());
+        }
+        *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
+    }
 }
 
 impl fmt::Display for Pca9685Settings {

@@ -5,10 +5,12 @@
 //! by their text alone: no device, host or model file is touched. `settings.rs` and `link.rs` declare each key with its
 //! type, default and bounds; `systemd/facewire.toml` and `links.toml` explain them.
 
+mod explanation;
 mod link;
 mod overlay;
 mod schema;
 mod settings;
+mod takes;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -22,7 +24,9 @@ pub use settings::*;
 pub(crate) use value::quoted;
 pub use value::{Address, Choice, JsonTarget, Listen, Scene, Script, SerialDevice};
 
+use self::explanation::{Explanation, explanations};
 use self::overlay::{Entry, Overlay, Section as _};
+use self::takes::Takes;
 use crate::calibration::WearerName;
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
@@ -49,32 +53,39 @@ pub const BOARDS: [(&str, &str); 8] = [
 pub const DEFAULTS: &str = include_str!("../../systemd/facewire.toml");
 const LINKS: &str = include_str!("links.toml");
 
+/// The headings of the tables of a link and of its servos in [`DEFAULTS`] and [`LINKS`].
+const LINK_HEADING: &str = "[[link]]";
+const CHANNEL_HEADING: &str = "[[link.channel]]";
+
 /// Returns a `[[link]]` of the kind of this name with all its settings, each after its comment, and with an example of
 /// the settings without which it cannot work. Returns `None` if there is no such kind.
 pub fn default_link(name: &str) -> Option<String> {
     let mut link = LinkSettings::of(LinkKind::named(name)?);
-    let (own, channel) = LINKS.split_once("\n[[link.channel]]\n")?;
-    let own = own.split("\n[[link]]\n").find_map(|own| own.strip_prefix(&format!("kind = \"{name}\"\n\n")))?;
-    let (_, first) = DEFAULTS.split_once("\n[[link]]\n")?;
-    // The paragraph of the first link that explains a key, with this value.
-    let shared = |key: &str, value: &str| {
-        let assignment = format!("\n# {key} = ");
-        let (explanation, _) = first.split("\n\n").find_map(|paragraph| paragraph.split_once(&assignment))?;
-        Some(format!("{explanation}\n{key} = {value}\n"))
-    };
-    let paragraphs = [
-        shared("kind", &quoted(name))?,
-        format!("{}\n", own.trim_end()),
-        shared("pace", &quoted(link.pace.pace.name()))?,
-        shared("rate_hz", &link.pace.rate_hz.to_string())?,
-        shared("loss", &quoted(link.pace.loss.name()))?,
-        shared("adjust", "{}")?,
-    ];
+    let defaults = explanations(DEFAULTS);
+    let of_all = |key| defaults.iter().find(|of_all| of_all.heading == LINK_HEADING && of_all.key == key);
+    let of_kinds = explanations(LINKS);
+    let is_kind = |of_kind: &&Explanation| of_kind.key == "kind";
+    let of_kind = of_kinds.iter().skip_while(|of_kind| !is_kind(of_kind) || of_kind.value != quoted(name)).skip(1);
+    let of_kind = of_kind.take_while(|of_kind| of_kind.heading == LINK_HEADING && !is_kind(of_kind));
+    let with_value = |key, value: &str| Some(Explanation { value, ..*of_all(key)? }.to_string());
+    let mut paragraphs = vec![with_value("kind", &quoted(name))?];
+    paragraphs.extend(of_kind.map(Explanation::to_string));
+    paragraphs.push(with_value("pace", &quoted(link.pace.pace.name()))?);
+    paragraphs.push(with_value("rate_hz", &link.pace.rate_hz.to_string())?);
+    paragraphs.push(with_value("loss", &quoted(link.pace.loss.name()))?);
+    paragraphs.push(with_value("adjust", "{}")?);
+    let own = format!("{LINK_HEADING}\n{}", paragraphs.join("\n"));
+    if !link.keys().contains(&"channel") {
+        return Some(own);
+    }
     // Addresses of a universe count from 1.
-    let first = if link.kind.universe().is_some() { "\nchannel = 1\n" } else { "\nchannel = 0\n" };
-    let channel = channel.replace("\nchannel = 0\n", first);
-    let channel = link.keys().contains(&"channel").then(|| format!("\n[[link.channel]]\n{channel}"));
-    Some(format!("[[link]]\n{}{}", paragraphs.join("\n"), channel.unwrap_or_default()))
+    let first = if link.kind.universe().is_some() { "1" } else { "0" };
+    let of_channel = of_kinds.iter().filter(|of_channel| of_channel.heading == CHANNEL_HEADING);
+    let of_channel = of_channel.map(|of_channel| match of_channel.key {
+        "channel" => Explanation { value: first, ..*of_channel }.to_string(),
+        _ => of_channel.to_string(),
+    });
+    Some(format!("{own}\n{CHANNEL_HEADING}\n{}", of_channel.collect::<Vec<_>>().join("\n")))
 }
 
 /// Loads the settings of a run. `argument` takes precedence over the board that the file names. `detected` is the board
@@ -128,7 +139,8 @@ fn lay(
     let named = value.map_or(Some(AUTO), |value| value.get_ref().as_str()).and_then(|name| find_board(name, detected));
     // A board that the file names must be known, even if another one is fixed.
     if let (Some(value), None) = (value, named) {
-        file.refuse(&Entry { path: "board".to_owned(), value }, value::one_of(board_names()));
+        let expected = Takes::OneOf(board_names().collect()).to_string();
+        file.refuse(&Entry { path: "board".to_owned(), value }, expected);
     }
     if let Some((name, text)) = fixed.or(named) {
         settings.board = name;
@@ -160,7 +172,8 @@ fn check(settings: &Settings, faults: &mut Faults) {
     faults.require(live_ms < hold_ms, "failsafe.hold_ms", hold_ms, after_live);
     let after_hold = format!("more than failsafe.hold_ms, which is {hold_ms}");
     faults.require(hold_ms < neutral_ms, "failsafe.neutral_ms", neutral_ms, after_hold);
-    let (device, name) = (&settings.camera.device, &settings.wearer.name);
+    let device = &settings.camera.device;
+    let name = &settings.wearer.name;
     let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
     faults.require(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
     let bad = Script::of(device).and_then(Result::err);

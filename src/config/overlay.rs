@@ -5,6 +5,8 @@ use std::fmt;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::takes::Takes;
+
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -67,19 +69,26 @@ impl Entry<'_> {
     }
 }
 
-/// Takes the value of an entry, or adds a fault to those of the file.
-pub trait Reader<T>: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>) {}
+/// Reads the value of a setting.
+pub trait Reader<T> {
+    fn takes(&self, setting: &mut T) -> Takes;
 
-impl<T, F: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>)> Reader<T> for F {}
+    /// Takes the value of an entry, or adds a fault to those of the file.
+    fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>);
+}
 
-/// A key of a section, and what takes its value.
-pub type Field<'a> = (&'static str, Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>);
+/// A key of a section, what it takes, and what reads its value.
+pub struct Field<'a> {
+    pub key: &'static str,
+    pub takes: Takes,
+    pub read: Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>,
+}
 
 pub trait Section {
     fn fields(&mut self) -> Vec<Field<'_>>;
 
     fn keys(&mut self) -> Vec<&'static str> {
-        self.fields().iter().map(|(key, _)| *key).collect()
+        self.fields().iter().map(|field| field.key).collect()
     }
 
     /// Returns the end of the sentence that a key is not a setting, if there is a better one than which key is similar.
@@ -88,9 +97,10 @@ pub trait Section {
     }
 }
 
-/// Makes a field of a key, its setting, and the reader that takes the value or adds a fault to those of the file.
-pub fn field<'a, T>(key: &'static str, setting: &'a mut T, read: impl Reader<T> + 'a) -> Field<'a> {
-    (key, Box::new(move |entry, file| read(setting, entry, file)))
+/// Makes a field of a key, its setting, and the reader of its value.
+pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T> + 'a) -> Field<'a> {
+    let takes = reader.takes(setting);
+    Field { key, takes, read: Box::new(move |entry, file| reader.read(setting, entry, file)) }
 }
 
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
@@ -160,7 +170,7 @@ impl<'a> Overlay<'a> {
     pub fn section(&mut self, section: &mut dyn Section, entry: &Entry<'_>) {
         match entry.value.get_ref().as_table() {
             Some(table) => self.entries(section, &entry.path, table),
-            None => self.refuse(entry, "a table".to_owned()),
+            None => self.refuse(entry, Takes::Table(Vec::new()).to_string()),
         }
     }
 
@@ -168,8 +178,8 @@ impl<'a> Overlay<'a> {
         for (name, value) in table {
             let key = name.get_ref().as_ref();
             let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-            if let Some((_, set)) = section.fields().into_iter().find(|(known, _)| *known == key) {
-                set(&Entry { path, value }, self);
+            if let Some(field) = section.fields().into_iter().find(|field| field.key == key) {
+                (field.read)(&Entry { path, value }, self);
                 continue;
             }
             let objection = section.objection(key).unwrap_or_else(|| hint(key, &section.keys()));

@@ -1,141 +1,125 @@
 //! The settings as JSON Schema, for programs that show them in forms.
 //!
-//! Keys, types, bounds, units and choices are asked of the reader of the settings itself: it names the keys of a table
-//! beside an unknown one, and what a key takes beside a wrong value. Comments and defaults are those of `facewire.toml` and
-//! `links.toml`.
+//! Keys, types, bounds, units and choices are those of the tables of settings. Comments and defaults are those of
+//! `facewire.toml` and `links.toml`.
 
+use facewire_face::{Adjustment, Adjustments};
+use facewire_servo::ChannelSettings;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{DEFAULTS, LinkKind, board_names, default_link, parse};
-
-/// The sentence of the only fault that has this text in it, from there on.
-fn fault(toml: &str, text: &str) -> Option<String> {
-    let faults = parse("", toml).err()?;
-    faults.iter().find_map(|fault| fault.split_once(text)).map(|(_, rest)| rest.to_owned())
-}
-
-/// The keys of the table under these headings.
-pub(super) fn keys(headings: &str) -> Vec<String> {
-    let keys = fault(&format!("{headings}\"?\" = 1\n"), "; there are ").unwrap_or_default();
-    keys.split(", ").map(str::to_owned).collect()
-}
-
-/// What a key of this table takes. `None` for an array of tables.
-pub(super) fn expected(headings: &str, key: &str) -> Option<String> {
-    fault(&format!("{headings}{key} = []\n"), &format!("{key} = []: give "))
-}
+use super::explanation::{Explanation, explanations};
+use super::overlay::Section;
+use super::takes::Takes;
+use super::{CHANNEL_HEADING, DEFAULTS, LINK_HEADING, LinkKind, LinkSettings, Settings, default_link};
+const ADJUST_HEADING: &str = "[adjust]";
 
 /// Returns all settings. Besides what JSON Schema defines, `order` is the place of a key in its table, `takes` the end of the
 /// sentence that refuses another value, and `unit` that of a number.
 pub fn schema() -> Value {
-    let mut properties = Map::new();
-    for (order, key) in keys("").into_iter().enumerate() {
-        let section = DEFAULTS.split_once(&format!("\n[{key}]\n")).map_or(DEFAULTS, |(_, rest)| rest);
-        let section = section.split("\n[").next().unwrap_or_default();
-        let mut property = match key.as_str() {
-            "board" => {
-                described(json!({ "type": "string", "enum": board_names().collect::<Vec<_>>() }), "board", section)
+    let explained = explanations(DEFAULTS);
+    let of_channel = default_link("maestro").unwrap_or_default();
+    let of_channel = table(keys(&mut ChannelSettings::default()), CHANNEL_HEADING, &explanations(&of_channel));
+    let mut schema = table(keys(&mut Settings::default()), "", &explained);
+    add(&mut schema, "$schema", "https://json-schema.org/draft/2020-12/schema");
+    add(&mut schema, "title", "facewire");
+    let definitions = json!({
+        "adjust": table(keys(&mut Adjustments::default()), ADJUST_HEADING, &explained),
+        "coefficient": table(keys(&mut Adjustment::default()), "", &[]),
+        "channel": of_channel,
+    });
+    add(&mut schema, "$defs", definitions);
+    schema
+}
+
+/// The keys of a section, and what they take.
+pub(super) fn keys(section: &mut dyn Section) -> Vec<(&'static str, Takes)> {
+    section.fields().into_iter().map(|field| (field.key, field.takes)).collect()
+}
+
+/// The table with these keys, which are explained under this heading.
+fn table(keys: Vec<(&str, Takes)>, heading: &str, explained: &[Explanation<'_>]) -> Value {
+    let properties: Map<String, Value> = keys
+        .into_iter()
+        .enumerate()
+        .map(|(order, (key, takes))| {
+            let explanation = explained.iter().find(|explained| explained.heading == heading && explained.key == key);
+            let mut property = property(key, takes, heading, explained);
+            // A table has one kind of link.
+            if let (LINK_HEADING, "kind", Some(explanation)) = (heading, key, explanation) {
+                property = json!({ "const": default(explanation) });
             }
-            "link" => {
-                let kinds: Vec<Value> = LinkKind::NAMES.iter().map(|kind| link(kind)).collect();
-                json!({ "type": "array", "items": { "oneOf": kinds } })
+            if let Some(explanation) = explanation {
+                add(&mut property, "description", description(explanation));
+                add(&mut property, "default", default(explanation));
             }
-            "adjust" => json!({ "$ref": "#/$defs/adjust" }),
-            _ => table(&format!("[{key}]\n"), &key, section),
-        };
-        add(&mut property, "order", order);
-        properties.insert(key, property);
+            add(&mut property, "order", order);
+            (key.to_owned(), property)
+        })
+        .collect();
+    json!({ "type": "object", "additionalProperties": false, "properties": properties })
+}
+
+fn property(key: &str, takes: Takes, heading: &str, explained: &[Explanation<'_>]) -> Value {
+    let sentence = takes.to_string();
+    match takes {
+        Takes::Flag => json!({ "type": "boolean" }),
+        Takes::Whole { least, most, unit } => {
+            json!({ "type": "integer", "minimum": least, "maximum": most, "unit": unit_of(unit), "takes": sentence })
+        }
+        Takes::Number { least, most, unit } => {
+            let [least, most] = [least, most].map(decimal);
+            json!({ "type": "number", "minimum": least, "maximum": most, "unit": unit_of(unit), "takes": sentence })
+        }
+        Takes::OneOf(choices) => json!({ "type": "string", "enum": choices }),
+        Takes::Text(_) => json!({ "type": "string", "takes": sentence }),
+        Takes::Table(_) if key == "adjust" => json!({ "$ref": "#/$defs/adjust" }),
+        Takes::Table(_) if heading == ADJUST_HEADING => json!({ "$ref": "#/$defs/coefficient" }),
+        Takes::Table(keys) => table(keys, &format!("[{key}]"), explained),
+        Takes::Channels => json!({ "type": "array", "items": { "$ref": "#/$defs/channel" } }),
+        Takes::Links => {
+            let kinds: Vec<Value> = LinkKind::NAMES.iter().filter_map(|name| link(name)).collect();
+            json!({ "type": "array", "items": { "oneOf": kinds } })
+        }
     }
-    let servos = "[[link]]\nkind = \"maestro\"\n[[link.channel]]\n";
-    let text = default_link("maestro").unwrap_or_default();
-    let (_, of_channel) = text.split_once("\n[[link.channel]]\n").unwrap_or_default();
-    let (_, of_adjust) = DEFAULTS.split_once("\n[adjust]\n").unwrap_or_default();
-    json!({
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "facewire",
-        "type": "object",
-        "additionalProperties": false,
-        "properties": properties,
-        "$defs": {
-            "adjust": table("[adjust]\n", "adjust", of_adjust.split("\n[").next().unwrap_or_default()),
-            "coefficient": table("[adjust.jawOpen]\n", "adjust.jawOpen", ""),
-            "channel": table(servos, "link.channel", of_channel),
-        },
-    })
+}
+
+fn link(name: &str) -> Option<Value> {
+    let text = default_link(name)?;
+    let explained = explanations(&text);
+    let mut link = table(keys(&mut LinkSettings::of(LinkKind::named(name)?)), LINK_HEADING, &explained);
+    let about_kinds = explained.iter().find(|explained| explained.key == "kind")?.comment;
+    let about = about_kinds.lines().find_map(|line| line.strip_prefix(&format!("# - \"{name}\": ")));
+    add(&mut link, "title", name);
+    add(&mut link, "description", about);
+    if name != LinkKind::default().name() {
+        add(&mut link, "required", ["kind"]);
+    }
+    Some(link)
+}
+
+/// The comment without the sentence that says what the setting takes.
+fn description(explanation: &Explanation<'_>) -> String {
+    let lines = explanation.comment.lines().filter_map(|line| line.strip_prefix("# "));
+    lines.take_while(|line| !line.starts_with("Takes ")).collect::<Vec<_>>().join("\n")
+}
+
+fn default(explanation: &Explanation<'_>) -> Option<toml::Value> {
+    let mut table: toml::Table = toml::from_str(&format!("value = {}", explanation.value)).ok()?;
+    table.remove("value")
+}
+
+fn unit_of(unit: &str) -> Option<&str> {
+    (!unit.is_empty()).then_some(unit)
+}
+
+/// The number as it is written: 0.1 for the 32-bit number nearest to it.
+fn decimal(number: f32) -> Option<f64> {
+    number.to_string().parse().ok()
 }
 
 fn add(schema: &mut Value, keyword: &str, value: impl Serialize) {
     if let Value::Object(keywords) = schema {
         keywords.insert(keyword.to_owned(), json!(value));
     }
-}
-
-fn link(kind: &str) -> Value {
-    let text = default_link(kind).unwrap_or_default();
-    let own = text.split("\n[[link.channel]]\n").next().unwrap_or_default();
-    let mut link = table(&format!("[[link]]\nkind = \"{kind}\"\n"), "link", own);
-    let about = text.lines().find_map(|line| line.strip_prefix(&format!("# - \"{kind}\": ")));
-    add(&mut link, "title", kind);
-    add(&mut link, "description", about);
-    if kind != LinkKind::default().name() {
-        add(&mut link, "required", ["kind"]);
-    }
-    link
-}
-
-/// The table under these headings, which this text explains.
-fn table(headings: &str, path: &str, text: &str) -> Value {
-    let property = |(order, key): (usize, String)| {
-        let property = match (path, key.as_str(), expected(headings, &key).as_deref()) {
-            ("link", "kind", _) => json!({ "const": headings.split('"').nth(1) }),
-            ("link", "adjust", _) => json!({ "$ref": "#/$defs/adjust" }),
-            ("adjust", _, Some("a table")) => json!({ "$ref": "#/$defs/coefficient" }),
-            (_, _, None) => json!({ "type": "array", "items": { "$ref": "#/$defs/channel" } }),
-            (_, _, Some("a table")) => table(&format!("{headings}[{path}.{key}]\n"), &format!("{path}.{key}"), ""),
-            (_, _, Some(takes)) => typed(takes),
-        };
-        let mut property = described(property, &key, text);
-        add(&mut property, "order", order);
-        (key, property)
-    };
-    let properties: Map<String, Value> = keys(headings).into_iter().enumerate().map(property).collect();
-    json!({ "type": "object", "additionalProperties": false, "properties": properties })
-}
-
-fn typed(takes: &str) -> Value {
-    let range = |text: &str, as_number: fn(&str) -> Value| {
-        let (range, unit) = text.split_once(" (").unwrap_or((text, ""));
-        let (least, most) = range.split_once(" to ").unwrap_or_default();
-        (as_number(least), as_number(most), unit.strip_suffix(')').map(str::to_owned))
-    };
-    let of_type = |name, (minimum, maximum, unit)| json!({ "type": name, "minimum": minimum, "maximum": maximum, "unit": unit, "takes": takes });
-    if let Some(text) = takes.strip_prefix("a whole number from ") {
-        of_type("integer", range(text, |text| json!(text.parse::<i64>().ok())))
-    } else if let Some(text) = takes.strip_prefix("a number from ") {
-        of_type("number", range(text, |text| json!(text.parse::<f64>().ok())))
-    } else if takes == "true or false" {
-        json!({ "type": "boolean" })
-    } else if let Some(choices) = takes.strip_prefix("one of ") {
-        let choices: Vec<&str> = choices.split(", ").map(|choice| choice.trim_matches('"')).collect();
-        json!({ "type": "string", "enum": choices })
-    } else {
-        json!({ "type": "string", "takes": takes })
-    }
-}
-
-/// Adds the comment and the default of a key, which this text may have commented out.
-fn described(mut property: Value, key: &str, text: &str) -> Value {
-    let assigns = |line: &str| line.strip_prefix(key)?.strip_prefix(" = ").map(str::to_owned);
-    let value = |paragraph: &str| paragraph.lines().find_map(|line| assigns(line.strip_prefix("# ").unwrap_or(line)));
-    let found = text.split("\n\n").find_map(|paragraph| Some((paragraph, value(paragraph)?)));
-    if let Some((paragraph, value)) = found {
-        let comment = paragraph.lines().filter_map(|line| line.strip_prefix("# "));
-        let comment: Vec<&str> =
-            comment.take_while(|line| !line.starts_with("Takes ") && assigns(line).is_none()).collect();
-        add(&mut property, "description", comment.join("\n"));
-        let default = toml::from_str::<toml::Table>(&format!("value = {value}")).unwrap_or_default();
-        add(&mut property, "default", default.get("value"));
-    }
-    property
 }

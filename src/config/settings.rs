@@ -3,9 +3,11 @@
 //! `systemd/facewire.toml` explains them. The tables of links are in `link.rs`.
 
 use super::{
-    link::{LinkSettings, links},
-    overlay::{Entry, Field, Overlay, Section, field, section},
-    value::{ANY_TEXT, Listen, choice, choices, flag, listen, number, table, text, whole},
+    board_names,
+    link::{LinkSettings, Links},
+    overlay::{Entry, Field, Overlay, Reader, Section, field, section},
+    takes::Takes,
+    value::{ANY_TEXT, Listen, Table, choice, choices, flag, listen, number, text, whole},
 };
 use facewire_board::HardwareSettings;
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
@@ -13,33 +15,33 @@ use tracing::level_filters::LevelFilter;
 
 section! {
     Settings {
-        board: &'static str = "generic", board;
-        camera: CameraSettings = CameraSettings::default(), table;
-        networks: NetworkSettings = NetworkSettings::default(), table;
-        solver: SolverSettings = SolverSettings::default(), table;
-        smoothing: SmoothingSettings = SmoothingSettings::default(), table;
-        wearer: WearerSettings = WearerSettings::default(), table;
-        plausibility: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 }, table;
-        adjust: Adjustments = Adjustments::default(), table;
-        failsafe: FailsafeSettings = FailsafeSettings::default(), table;
-        send: SendSettings = SendSettings::default(), table;
-        links "link": Vec<LinkSettings> = vec![LinkSettings::default(), LinkSettings::to_the_board()], links;
-        realtime: RealtimeSettings = RealtimeSettings::default(), table;
-        hardware: HardwareSettings = HardwareSettings::default(), table;
-        adaptation: AdaptationSettings = AdaptationSettings::default(), table;
-        metrics: MetricsSettings = MetricsSettings::default(), table;
-        console: ConsoleSettings = ConsoleSettings::default(), table;
-        log: LogSettings = LogSettings::default(), table;
+        board: &'static str = "generic", Board;
+        camera: CameraSettings = CameraSettings::default(), Table;
+        networks: NetworkSettings = NetworkSettings::default(), Table;
+        solver: SolverSettings = SolverSettings::default(), Table;
+        smoothing: SmoothingSettings = SmoothingSettings::default(), Table;
+        wearer: WearerSettings = WearerSettings::default(), Table;
+        plausibility: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 }, Table;
+        adjust: Adjustments = Adjustments::default(), Table;
+        failsafe: FailsafeSettings = FailsafeSettings::default(), Table;
+        send: SendSettings = SendSettings::default(), Table;
+        links "link": Vec<LinkSettings> = vec![LinkSettings::default(), LinkSettings::to_the_board()], Links;
+        realtime: RealtimeSettings = RealtimeSettings::default(), Table;
+        hardware: HardwareSettings = HardwareSettings::default(), Table;
+        adaptation: AdaptationSettings = AdaptationSettings::default(), Table;
+        metrics: MetricsSettings = MetricsSettings::default(), Table;
+        console: ConsoleSettings = ConsoleSettings::default(), Table;
+        log: LogSettings = LogSettings::default(), Table;
     }
 
     CameraSettings {
         device: String = "auto".to_owned(), text(ANY_TEXT);
-        width: u32 = 640, whole(160..=3840, " (pixels)");
-        height: u32 = 480, whole(120..=2160, " (pixels)");
-        fps: u32 = 30, whole(1..=240, " (1/s)");
+        width: u32 = 640, whole(160..=3840, "pixels");
+        height: u32 = 480, whole(120..=2160, "pixels");
+        fps: u32 = 30, whole(1..=240, "1/s");
         format: CameraFormat = CameraFormat::Auto, choice();
-        stall_timeout_ms: u32 = 1000, whole(100..=60_000, " (ms)");
-        horizontal_fov_deg: f32 = 60.0, number(10.0..=170.0, " (degrees)");
+        stall_timeout_ms: u32 = 1000, whole(100..=60_000, "ms");
+        horizontal_fov_deg: f32 = 60.0, number(10.0..=170.0, "degrees");
     }
 
     NetworkSettings {
@@ -52,19 +54,19 @@ section! {
 
     SmoothingSettings {
         lids: FilterKind = FilterKind::GatedAverage, choice();
-        lids_ms: u32 = 350, whole(0..=350, " (ms)");
+        lids_ms: u32 = 350, whole(0..=350, "ms");
         gaze: FilterKind = FilterKind::GatedAverage, choice();
-        gaze_ms: u32 = 100, whole(0..=350, " (ms)");
+        gaze_ms: u32 = 100, whole(0..=350, "ms");
         brows: FilterKind = FilterKind::GatedAverage, choice();
-        brows_ms: u32 = 350, whole(0..=350, " (ms)");
+        brows_ms: u32 = 350, whole(0..=350, "ms");
         mouth: FilterKind = FilterKind::GatedAverage, choice();
-        mouth_ms: u32 = 350, whole(0..=350, " (ms)");
+        mouth_ms: u32 = 350, whole(0..=350, "ms");
         jaw: FilterKind = FilterKind::GatedAverage, choice();
-        jaw_ms: u32 = 220, whole(0..=350, " (ms)");
+        jaw_ms: u32 = 220, whole(0..=350, "ms");
         cheeks: FilterKind = FilterKind::GatedAverage, choice();
-        cheeks_ms: u32 = 350, whole(0..=350, " (ms)");
+        cheeks_ms: u32 = 350, whole(0..=350, "ms");
         head: FilterKind = FilterKind::GatedAverage, choice();
-        head_ms: u32 = 350, whole(0..=350, " (ms)");
+        head_ms: u32 = 350, whole(0..=350, "ms");
     }
 
     WearerSettings {
@@ -74,13 +76,13 @@ section! {
     }
 
     FailsafeSettings {
-        live_ms: u32 = 150, whole(20..=5000, " (ms)");
-        hold_ms: u32 = 300, whole(40..=10_000, " (ms)");
-        neutral_ms: u32 = 1000, whole(60..=60_000, " (ms)");
-        slew_per_s: f32 = 4.0, number(0.1..=100.0, " (1/s)");
+        live_ms: u32 = 150, whole(20..=5000, "ms");
+        hold_ms: u32 = 300, whole(40..=10_000, "ms");
+        neutral_ms: u32 = 1000, whole(60..=60_000, "ms");
+        slew_per_s: f32 = 4.0, number(0.1..=100.0, "1/s");
     }
 
-    SendSettings { rate_hz: u32 = 60, whole(10..=240, " (1/s)"); }
+    SendSettings { rate_hz: u32 = 60, whole(10..=240, "1/s"); }
 
     RealtimeSettings {
         lock_memory: bool = false, flag();
@@ -96,7 +98,15 @@ section! {
 }
 
 /// The board is chosen before the tables are read.
-fn board(_: &mut &str, _: &Entry<'_>, _: &mut Overlay<'_>) {}
+struct Board;
+
+impl Reader<&'static str> for Board {
+    fn takes(&self, _: &mut &'static str) -> Takes {
+        Takes::OneOf(board_names().collect())
+    }
+
+    fn read(&self, _: &mut &'static str, _: &Entry<'_>, _: &mut Overlay<'_>) {}
+}
 
 impl Section for Rules {
     fn fields(&mut self) -> Vec<Field<'_>> {
@@ -114,7 +124,7 @@ impl Section for HardwareSettings {
     fn fields(&mut self) -> Vec<Field<'_>> {
         vec![
             field("thermal_zone", &mut self.thermal_zone, text(ANY_TEXT)),
-            field("temperature_limit_c", &mut self.temperature_limit_c, whole(0..=120, " (°C)")),
+            field("temperature_limit_c", &mut self.temperature_limit_c, whole(0..=120, "°C")),
         ]
     }
 }
@@ -122,15 +132,25 @@ impl Section for HardwareSettings {
 /// `mirror`, and a key for each blendshape.
 impl Section for Adjustments {
     fn fields(&mut self) -> Vec<Field<'_>> {
-        let adjustment = |adjustment: &mut Adjustment, entry: &Entry<'_>, file: &mut Overlay<'_>| {
-            file.section(adjustment, entry);
-            if adjustment.min > adjustment.max {
-                file.refuse(entry, "a min that is at most max".to_owned());
-            }
-        };
         let coefficients = BLENDSHAPES.into_iter().zip(&mut self.coefficients);
-        let coefficients = coefficients.map(|(key, coefficient)| field(key, coefficient, adjustment));
+        let coefficients = coefficients.map(|(key, coefficient)| field(key, coefficient, Limited));
         [field("mirror", &mut self.mirror, flag())].into_iter().chain(coefficients).collect()
+    }
+}
+
+/// Reads an adjustment whose limits do not contradict each other.
+struct Limited;
+
+impl Reader<Adjustment> for Limited {
+    fn takes(&self, adjustment: &mut Adjustment) -> Takes {
+        Table.takes(adjustment)
+    }
+
+    fn read(&self, adjustment: &mut Adjustment, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        file.section(adjustment, entry);
+        if adjustment.min > adjustment.max {
+            file.refuse(entry, "a min that is at most max".to_owned());
+        }
     }
 }
 

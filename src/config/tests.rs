@@ -3,7 +3,7 @@
 use facewire_face::BLENDSHAPES;
 use facewire_servo::{ChannelSettings, SOURCE_NAMES};
 
-use super::schema::{expected, keys};
+use super::schema::keys;
 use super::*;
 
 /// A file that uses every key.
@@ -25,12 +25,12 @@ fn uncommented(text: &str) -> String {
 }
 
 /// Checks that the text of a table explains every key, with the values that it takes.
-fn assert_explained(headings: &str, text: &str) {
-    for key in keys(headings).iter().filter(|key| !BLENDSHAPES.contains(&key.as_str())) {
-        assert!(text.contains(&format!("\n{key} = ")) || text.contains(&format!("[[link.{key}]]")), "{headings}{key}");
-        if let Some(expected) = expected(headings, key).filter(|expected| expected != "a table") {
-            let explained = format!("# Takes {expected}.\n{key} = ");
-            assert!(text.contains(&explained), "{headings}{explained}");
+fn assert_explained(keys: Vec<(&str, Takes)>, text: &str) {
+    for (key, takes) in keys.into_iter().filter(|(key, _)| !BLENDSHAPES.contains(key)) {
+        assert!(text.contains(&format!("\n{key} = ")) || text.contains(&format!("[[link.{key}]]")), "{key}");
+        if !matches!(takes, Takes::Table(_) | Takes::Channels) {
+            let explained = format!("# Takes {takes}.\n{key} = ");
+            assert!(text.contains(&explained), "{explained}");
         }
     }
 }
@@ -48,23 +48,24 @@ fn defaults_and_those_of_every_board_load_back_unchanged_whether_they_are_commen
 #[test]
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented(DEFAULTS);
-    for table in keys("").iter().filter(|table| *table != "link" && *table != "board") {
-        let (_, section) = text.split_once(&format!("\n[{table}]\n")).unwrap_or_else(|| panic!("{table}"));
-        assert_explained(&format!("[{table}]\n"), section.split("\n[").next().unwrap());
+    for (table, takes) in keys(&mut Settings::default()) {
+        match takes {
+            Takes::Table(keys) => {
+                let (_, section) = text.split_once(&format!("\n[{table}]\n")).unwrap_or_else(|| panic!("{table}"));
+                assert_explained(keys, section.split("\n[").next().unwrap());
+            }
+            Takes::OneOf(_) => assert_explained(vec![(table, takes)], &text),
+            _ => assert_eq!(takes, Takes::Links),
+        }
     }
-    let boards = faults("board = 3\n");
-    assert!(text.contains(&format!("# Takes {}.\nboard = \"auto\"\n", boards.split_once("give ").unwrap().1)));
 }
 
 #[test]
 fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
-    let kinds = faults("[[link]]\nkind = 3\n");
-    let kinds = format!("# Takes {}.\nkind = ", kinds.split_once("give ").unwrap().1);
     for name in LinkKind::NAMES {
         let text = default_link(name).unwrap();
-        assert!(text.contains(&kinds) && text.contains(&format!("# - \"{name}\": ")), "{text}");
-        let heading = format!("[[link]]\nkind = \"{name}\"\n");
-        assert_explained(&heading, &text);
+        assert!(text.contains(&format!("# - \"{name}\": ")), "{text}");
+        assert_explained(keys(&mut LinkSettings::of(LinkKind::named(name).unwrap())), &text);
         let mut want = LinkSettings::of(LinkKind::named(name).unwrap());
         if let LinkKind::Maestro(MaestroSettings { channels, .. })
         | LinkKind::Pca9685(Pca9685Settings { channels, .. })
@@ -72,7 +73,7 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         | LinkKind::Sacn(SacnSettings { channels, .. })
         | LinkKind::ArtNet(ArtNetSettings { channels, .. }) = &mut want.kind
         {
-            assert_explained(&format!("{heading}[[link.channel]]\n"), &text);
+            assert_explained(keys(&mut ChannelSettings::default()), &text);
             let channel = u32::from(text.contains("\nuniverse = "));
             let mut jaw = ChannelSettings { channel, ..ChannelSettings::default() };
             jaw.sources[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;
@@ -103,7 +104,7 @@ fn the_schema_has_every_setting_with_its_type_bounds_choices_unit_default_and_co
     assert_eq!(at("/$defs/adjust/properties/mirror/type"), "boolean");
     let text = schema.to_string();
     assert!(!text.contains("\"minimum\":null") && !text.contains("\"default\":null"), "{text}");
-    let explained = keys("").iter().filter(|key| *key != "link" && *key != "adjust").all(|key| {
+    let explained = Settings::default().keys().iter().filter(|key| !["link", "adjust"].contains(key)).all(|key| {
         let table = at(&format!("/properties/{key}"));
         table["properties"].as_object().is_none_or(|keys| keys.values().all(|it| it["description"].is_string()))
     });
@@ -113,7 +114,8 @@ fn the_schema_has_every_setting_with_its_type_bounds_choices_unit_default_and_co
 #[test]
 fn a_file_with_every_kind_of_link_loads_with_the_values_that_it_gives() {
     let settings = parse("file", EVERY_KEY).unwrap();
-    assert_eq!(settings.changed_keys(&Settings::default()), keys(""), "the board and every table");
+    let every_key = Settings::default().keys();
+    assert_eq!(settings.changed_keys(&Settings::default()), every_key, "the board and every table");
     assert_eq!(settings.links.len(), LinkKind::NAMES.len());
     let shown = [8, 9].map(|index: usize| settings.links[index].to_string());
     assert_eq!(shown, ["10.0.0.3:5568, universe 7 (6 by Art-Net)", "10.0.0.3:6454, universe 300 (301 by sACN)"]);

@@ -1,4 +1,4 @@
-//! The types of values, and their readers: each takes a value, or tells what to give instead.
+//! The types of values, and their readers.
 
 use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
@@ -6,6 +6,7 @@ use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
 
 use super::overlay::{Entry, Overlay, Reader, Section};
+use super::takes::Takes;
 
 pub trait Choice: Copy + PartialEq + 'static {
     const ALL: &'static [(&'static str, Self)];
@@ -35,44 +36,64 @@ macro_rules! choices {
 
 pub(super) use choices;
 
-pub fn table<T: Section>(section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-    file.section(section, entry);
+/// Reads a table of settings.
+pub struct Table;
+
+impl<T: Section> Reader<T> for Table {
+    fn takes(&self, section: &mut T) -> Takes {
+        Takes::Table(section.fields().into_iter().map(|field| (field.key, field.takes)).collect())
+    }
+
+    fn read(&self, section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        file.section(section, entry);
+    }
 }
 
-/// Reads a value by `read`; `expected` follows "give".
-fn value<T>(read: impl Fn(&DeValue<'_>) -> Option<T>, expected: String) -> impl Reader<T> {
-    move |setting, entry, file| match read(entry.value.get_ref()) {
-        Some(value) => *setting = value,
-        None => file.refuse(entry, expected.clone()),
+/// Reads a value by `read`, which returns `None` for all but what the setting takes.
+struct Value<F> {
+    takes: Takes,
+    read: F,
+}
+
+impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
+    fn takes(&self, _: &mut T) -> Takes {
+        self.takes.clone()
+    }
+
+    fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        match (self.read)(entry.value.get_ref()) {
+            Some(value) => *setting = value,
+            None => file.refuse(entry, self.takes.to_string()),
+        }
     }
 }
 
 pub fn choice<T: Choice>() -> impl Reader<T> {
     let named = |text: &str| T::ALL.iter().find(|(name, _)| *name == text).map(|(_, value)| *value);
-    value(move |value| named(value.as_str()?), one_of(T::ALL.iter().map(|(name, _)| *name)))
-}
-
-pub fn one_of(names: impl Iterator<Item = &'static str>) -> String {
-    format!("one of {}", names.map(quoted).collect::<Vec<_>>().join(", "))
+    let takes = Takes::OneOf(T::ALL.iter().map(|(name, _)| *name).collect());
+    Value { takes, read: move |value: &DeValue<'_>| named(value.as_str()?) }
 }
 
 pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// Reads a whole number in this range. The unit follows the range in a message.
-pub fn whole<T: TryFrom<i64> + PartialOrd + fmt::Display>(range: RangeInclusive<T>, unit: &str) -> impl Reader<T> {
-    let expected = format!("a whole number from {} to {}{unit}", range.start(), range.end());
+/// Reads a whole number in this range.
+pub fn whole<T: TryFrom<i64> + Into<i64> + Copy + PartialOrd>(
+    range: RangeInclusive<T>,
+    unit: &'static str,
+) -> impl Reader<T> {
+    let takes = Takes::Whole { least: (*range.start()).into(), most: (*range.end()).into(), unit };
     let read = move |value: &DeValue<'_>| {
         let integer = value.as_integer()?;
         let number = T::try_from(i64::from_str_radix(integer.as_str(), integer.radix()).ok()?).ok()?;
         range.contains(&number).then_some(number)
     };
-    value(read, expected)
+    Value { takes, read }
 }
 
-pub fn number(range: RangeInclusive<f32>, unit: &str) -> impl Reader<f32> {
-    let expected = format!("a number from {:?} to {:?}{unit}", range.start(), range.end());
+pub fn number(range: RangeInclusive<f32>, unit: &'static str) -> impl Reader<f32> {
+    let takes = Takes::Number { least: *range.start(), most: *range.end(), unit };
     let read = move |value: &DeValue<'_>| {
         let number = match value {
             DeValue::Float(float) => float.as_str().parse().ok()?,
@@ -81,16 +102,16 @@ pub fn number(range: RangeInclusive<f32>, unit: &str) -> impl Reader<f32> {
         };
         range.contains(&number).then_some(number)
     };
-    value(read, expected)
+    Value { takes, read }
 }
 
 pub fn flag() -> impl Reader<bool> {
-    value(|value| value.as_bool(), "true or false".to_owned())
+    Value { takes: Takes::Flag, read: |value: &DeValue<'_>| value.as_bool() }
 }
 
 /// Reads a text from which `parse` makes a value.
 fn parsed<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
-    value(move |value| parse(value.as_str()?), expected.into())
+    Value { takes: Takes::Text(expected.into()), read: move |value: &DeValue<'_>| parse(value.as_str()?) }
 }
 
 /// As [`parsed`], or an empty text for nothing.

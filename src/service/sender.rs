@@ -51,38 +51,47 @@ impl Sender {
     pub(super) fn run(mut self) {
         let mut history = History::default();
         while !self.counters.stop_sending.load(Relaxed) {
-            self.counters.heartbeats.beat_sender(monotonic_us());
+            let now_us = monotonic_us();
+            self.counters.heartbeats.beat_sender(now_us);
             while let Ok(change) = self.changes.try_recv() {
                 let old = std::mem::replace(&mut self.links, change);
                 self.links.take_over(old, &history.last());
             }
-            let wait_us = self.step(&mut history);
-            thread::park_timeout(Duration::from_micros(wait_us.min(MAX_SLEEP_US)));
+            let wait_us = self.step(&mut history, now_us);
+            thread::park_timeout(Duration::from_micros(wait_us));
         }
-        self.stop(&mut history);
+        self.stop(&mut history, |time| {
+            thread::sleep(time);
+            monotonic_us()
+        });
         self.links.close();
     }
 
-    fn stop(&mut self, history: &mut History) {
+    /// Moves the face to neutral and sends the last packets. `after` lets a time pass and returns what the clock then shows.
+    fn stop(&mut self, history: &mut History, mut after: impl FnMut(Duration) -> u64) {
         self.counters.traffic.operator.is_driven.store(false, Relaxed);
-        let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
+        let failsafe = self.failsafe();
         let pause = Duration::from_secs(1) / self.links.rate_hz.max(1);
-        let mut output = failsafe.stop(history, monotonic_us());
-        while (output.state != State::Neutral || self.links.is_held()) && monotonic_us() < end_us {
-            self.offer(&output);
-            thread::sleep(pause);
-            output = failsafe.stop(history, monotonic_us());
+        let mut now_us = after(Duration::ZERO);
+        let end_us = now_us + LONGEST_STOP_US;
+        let mut output = failsafe.stop(history, now_us);
+        while (output.state != State::Neutral || self.links.is_held()) && now_us < end_us {
+            self.offer(now_us, &output);
+            now_us = after(pause);
+            output = failsafe.stop(history, now_us);
         }
         let last = history.last();
         self.counters.set_state(last.state);
         for _ in 0..STOPPING_PACKETS {
             self.links.send_last(&last);
-            thread::sleep(STOPPING_PERIOD);
+            after(STOPPING_PERIOD);
         }
     }
 
-    fn step(&mut self, history: &mut History) -> u64 {
-        let (failsafe, now_us, operator) = (self.failsafe(), monotonic_us(), &self.counters.traffic.operator);
+    /// Sends what is due now. Returns how long to sleep if nothing wakes the thread, microseconds.
+    fn step(&mut self, history: &mut History, now_us: u64) -> u64 {
+        let failsafe = self.failsafe();
+        let operator = &self.counters.traffic.operator;
         let is_driven = now_us < operator.driven_until_us.load(Relaxed);
         operator.is_driven.store(is_driven, Relaxed);
         let is_new = self.news.update();
@@ -92,21 +101,21 @@ impl Sender {
         let puppet = puppet.map(|pose| Ok((Pose { position_mm, ..pose }, now_us)));
         history.hears_puppet = puppet.is_some();
         let output = failsafe.update(history, now_us, puppet.as_ref().or(news));
-        let wait_us = self.offer(&output).min(failsafe.wait_us(history));
+        let wait_us = self.offer(now_us, &output).min(failsafe.wait_us(history));
         if output.followed && puppet.is_none() {
             self.counters.times.age.record(Duration::from_micros(output.age_us));
         }
-        if is_driven { wait_us.min(DRIVEN_PERIOD_US) } else { wait_us }
+        wait_us.min(if is_driven { DRIVEN_PERIOD_US } else { MAX_SLEEP_US })
     }
 
     fn failsafe(&self) -> Failsafe {
         Failsafe::new(&self.links.failsafe, self.counters.frame_period_us.load(Relaxed))
     }
 
-    fn offer(&mut self, output: &Output) -> u64 {
+    fn offer(&mut self, now_us: u64, output: &Output) -> u64 {
         self.counters.set_state(output.state);
         let is_released = self.counters.traffic.operator.is_released.load(Relaxed);
-        let wait_us = self.links.offer(monotonic_us(), output);
+        let wait_us = self.links.offer(now_us, output);
         self.counters.traffic.operator.told_released.store(is_released, Relaxed);
         self.counters.links_open.store(self.links.each().filter(|(_, link)| link.is_open()).count() as u64, Relaxed);
         self.shown.publish(|| packet(output, 0));
@@ -256,6 +265,7 @@ mod tests {
     use super::*;
     use crate::config;
     use crate::link::{test_output, testing::eventually};
+    use crate::service::{DISK_PATIENCE, HOT_PATIENCE};
 
     #[test]
     fn recorded_frames_are_due_at_their_own_distances_or_a_frame_period_apart_without_times_of_their_own() {
@@ -274,12 +284,103 @@ mod tests {
         config::parse("test", &receivers.map(link).concat()).unwrap()
     }
 
-    fn seen(socket: &UdpSocket) -> Vec<(State, Reason)> {
+    /// The packets that have come and were not taken yet.
+    fn packets(socket: &UdpSocket) -> Vec<Packet> {
         socket.set_nonblocking(true).unwrap();
         let mut datagram = [0; 256];
         let lengths = std::iter::from_fn(|| Some((socket.recv(&mut datagram).ok()?, datagram)));
-        let packets = lengths.map(|(length, datagram)| Packet::decode(&datagram[..length]).unwrap());
-        packets.map(|packet| (packet.state, packet.reason)).collect()
+        lengths.map(|(length, datagram)| Packet::decode(&datagram[..length]).unwrap()).collect()
+    }
+
+    fn seen(socket: &UdpSocket) -> Vec<(State, Reason)> {
+        packets(socket).iter().map(|packet| (packet.state, packet.reason)).collect()
+    }
+
+    /// A sender on the clock of the test, and where the test leaves its news.
+    struct Clocked {
+        sender: Sender,
+        news: triple_buffer::Input<News>,
+        history: History,
+        now_us: u64,
+    }
+
+    impl Clocked {
+        fn new(settings: &Settings) -> Self {
+            let counters = Arc::<Counters>::default();
+            let links = Links::change(settings, Vec::new(), &counters.traffic).unwrap();
+            let (news, heard) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
+            let changes = mpsc::channel().1;
+            let puppet = triple_buffer::triple_buffer(&None).1;
+            let shown = observer::channel().0;
+            let sender = Sender { links, changes, news: heard, puppet, shown, counters };
+            Self { sender, news, history: History::default(), now_us: 1_000_000 }
+        }
+
+        /// Lets time pass, in which the sender sleeps as long as it wants to.
+        fn pass(&mut self, time_us: u64) {
+            let end_us = self.now_us + time_us;
+            while self.now_us < end_us {
+                let wait_us = self.sender.step(&mut self.history, self.now_us);
+                self.now_us = end_us.min(self.now_us + wait_us);
+            }
+        }
+
+        /// Shows a face whose jaw is open for a second.
+        fn live(&mut self) {
+            let mut pose = Pose::NEUTRAL;
+            pose.coefficients[17] = 1.0;
+            for _ in 0..30 {
+                self.news.write(Ok((pose, self.now_us)));
+                self.pass(33_333);
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_camera_each_receiver_gets_10_neutral_faces_a_second() {
+        let receivers = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        let mut clocked = Clocked::new(&settings([&receivers[0], &receivers[1]]));
+        clocked.pass(2_000_000);
+        for receiver in &receivers {
+            assert_eq!(seen(receiver), [(State::Neutral, Reason::NoCamera); 20]);
+        }
+    }
+
+    #[test]
+    fn the_longest_stop_is_shorter_than_systemd_waits() {
+        let unit = include_str!("../../systemd/facewire.service");
+        let seconds = unit.lines().find_map(|line| line.strip_prefix("TimeoutStopSec=")?.strip_suffix('s')).unwrap();
+        let patience = Duration::from_secs(seconds.parse().unwrap());
+        let to_neutral = Duration::from_micros(LONGEST_STOP_US) + Duration::from_secs(1) / 10;
+        let sender = to_neutral + 3 * STOPPING_PERIOD + LAST_PACKET;
+        // The patience with the hot loop begins with that of the sender.
+        assert!(sender.max(HOT_PATIENCE) + DISK_PATIENCE < patience, "{sender:?}");
+    }
+
+    #[test]
+    fn a_sender_that_stops_takes_half_a_second_at_most_for_the_way_to_neutral_and_sends_neutral_three_times() {
+        // The jaw is closed after 250 ms, and after 10 s, if it has the time. A frame period of that has passed already.
+        for (slew_per_s, want_us) in [(4.0, 210_000..270_000), (0.1, 500_000..520_000)] {
+            let receivers = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+            let mut settings = settings([&receivers[0], &receivers[1]]);
+            settings.failsafe.slew_per_s = slew_per_s;
+            let mut clocked = Clocked::new(&settings);
+            clocked.live();
+            assert_eq!(packets(&receivers[0]).last().unwrap().state, State::Live);
+            let begun_us = clocked.now_us;
+            let after = |time: Duration| {
+                clocked.now_us += u64::try_from(time.as_micros()).unwrap();
+                clocked.now_us
+            };
+            clocked.sender.stop(&mut clocked.history, after);
+            let took_us = clocked.now_us - begun_us - 3 * 25_000;
+            assert!(want_us.contains(&took_us), "{took_us}");
+            let stopped = packets(&receivers[0]);
+            assert!(stopped.iter().all(|packet| packet.reason == Reason::Stopping), "{stopped:?}");
+            let (way, last) = stopped.split_at(stopped.len() - 3);
+            assert!(way.iter().all(|packet| packet.state == State::Decay), "{way:?}");
+            assert!(last.iter().all(|packet| packet.state == State::Neutral && packet.coefficients == [0.0; 52]));
+        }
     }
 
     /// A sender of servos whose board is away, and whose hot loop is stuck.
@@ -297,7 +398,7 @@ mod tests {
         let mut history = History::default();
         for is_released in [true, false].into_iter().cycle().take(21) {
             operator.is_released.store(is_released, Relaxed);
-            sender.step(&mut history);
+            sender.step(&mut history, monotonic_us());
             assert_eq!(operator.told_released.load(Relaxed), is_released, "the next round obeys");
             eventually("the servo obeys", || panel.dials.channels[0].place.get().is_none() == is_released);
         }

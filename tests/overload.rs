@@ -1,7 +1,8 @@
 //! A board that is too slow, hot or badly supplied, as receivers and operators see it.
 //!
-//! `src/service/adaptation/tests.rs` tests the choice of the step over minutes and days of simulated time. Here the camera
-//! of a rehearsal takes real time, and packets are judged by the times of capture that they carry.
+//! `src/service/adaptation/tests.rs` tests the choice of the step over minutes and days of simulated time, and
+//! `src/service/timing.rs` that a step takes frames evenly. Here the camera of a rehearsal takes real time, and packets are
+//! judged by the times of capture that they carry, which tell how many frames were left out, however busy the machine is.
 //! `FACEWIRE_OVERLOAD_MINUTES=10 cargo test --release --test overload -- --nocapture overload_of` runs each overload for ten
 //! minutes, on an idle machine, and prints what it has seen.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
@@ -11,8 +12,8 @@ mod common;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::PATIENCE;
 use common::service::{Receiver, Service, counted};
+use common::{PATIENCE, eventually};
 use facewire_packet::{Packet, State};
 
 const PERIOD_US: u32 = 33_333;
@@ -42,20 +43,18 @@ impl Overload {
         self.service.log().lines().rfind(|line| line.contains(" step ")).and_then(every).unwrap_or(1)
     }
 
-    /// Receives packets until the last [`FRAMES`] frames came at the intervals of the present step, apart from one in four
-    /// that a busy machine has delayed. Returns the packets of these frames and the interval, in frames of the camera.
-    fn settled(&self) -> (Vec<Packet>, u32) {
-        let (begun, mut packets) = (Instant::now(), Vec::new());
+    /// Receives packets until none of the last [`FRAMES`] frames came sooner than the present step wants it. A busy machine
+    /// may delay frames. Returns the interval of the step, in frames of the camera.
+    fn settled(&self) -> u32 {
+        let begun = Instant::now();
+        let mut packets = Vec::new();
         loop {
             packets.push(self.receiver.packet());
-            let (gaps, every) = (gaps(&packets), self.every());
+            let gaps = gaps(&packets);
+            let every = self.every();
             let last = &gaps[gaps.len().saturating_sub(FRAMES)..];
-            let even = last.iter().filter(|gap| **gap == every).count();
-            if last.len() == FRAMES && even * 4 >= FRAMES * 3 {
-                let span_us = last.iter().sum::<u32>() * PERIOD_US;
-                let end_us = packets[packets.len() - 1].capture_us;
-                packets.retain(|packet| end_us.wrapping_sub(packet.capture_us) < span_us);
-                return (packets, every);
+            if last.len() == FRAMES && last.iter().all(|gap| *gap >= every) {
+                return every;
             }
             assert!(begun.elapsed() < PATIENCE, "not every {every} frames: {gaps:?}");
         }
@@ -80,22 +79,26 @@ fn minutes() -> Option<u32> {
 fn assert_overload(scene: &str, every: u32) {
     let overload = Overload::start(&format!("{scene} 3600"), "");
     overload.logged(" is processed, because a frame takes ");
-    let (packets, settled_on) = overload.settled();
+    let settled_on = overload.settled();
     assert!(settled_on >= every, "every {settled_on}: {}", overload.service.log());
-    assert_live(&packets, settled_on);
     if let Some(minutes) = minutes() {
-        let (begun, mut packets) = (Instant::now(), Vec::new());
+        let begun = Instant::now();
+        let mut packets = Vec::new();
         while begun.elapsed() < Duration::from_mins(1) * minutes {
             packets.push(overload.receiver.packet());
         }
-        let oldest = f64::from(assert_live(&packets, every)) / f64::from(every * PERIOD_US);
-        let (gaps, lost) = (gaps(&packets), packets.iter().filter(|packet| packet.state != State::Live).count());
+        let live = packets.iter().filter(|packet| packet.state == State::Live);
+        let oldest_us = live.clone().map(|packet| packet.age_us).max().unwrap();
+        let oldest = f64::from(oldest_us) / f64::from(every * PERIOD_US);
+        let lost = packets.len() - live.count();
+        let gaps = gaps(&packets);
         let uneven = gaps.iter().filter(|gap| **gap != every).count();
         let changes = overload.service.log().matches(" step ").count();
         println!(
             "{scene}: {uneven} of {} intervals uneven, oldest packet {oldest:.2} intervals of the step",
             gaps.len()
         );
+        assert!(oldest < 3.0, "{oldest_us} us old");
         assert!((lost, changes) == (0, 1) && uneven * 100 <= gaps.len(), "{lost} not live, {changes} changes");
     }
     let log = overload.service.stopped();
@@ -103,17 +106,9 @@ fn assert_overload(scene: &str, every: u32) {
     assert!(counted(&log, "left_out") > 0, "{log}");
 }
 
-/// Asserts that no live packet is older than three periods of the step. Returns the greatest age, microseconds.
-fn assert_live(packets: &[Packet], every: u32) -> u32 {
-    let live = || packets.iter().filter(|packet| packet.state == State::Live);
-    let oldest_us = live().map(|packet| packet.age_us).max().unwrap();
-    assert!(oldest_us < 3 * every * PERIOD_US, "{oldest_us} us old");
-    oldest_us
-}
-
 /// The camera waits instead of computing, so that three services can run side by side.
 #[test]
-fn an_overload_of_2_4_and_8_takes_frames_evenly_and_packets_stay_under_3_of_the_steps_periods() {
+fn an_overload_of_2_4_and_8_takes_no_more_frames_than_the_step_that_fits_wants() {
     thread::scope(|scope| {
         for (scene, every) in [("slow-2", 3), ("slow-4", 6), ("slow-8", 12)] {
             let running = scope.spawn(move || assert_overload(scene, every));
@@ -148,9 +143,13 @@ fn a_hot_board_and_one_with_low_voltage_process_fewer_frames_and_say_why() {
 #[test]
 fn with_adaptation_off_frames_are_skipped_as_they_come() {
     let overload = Overload::start("slow-2 3600", "[adaptation]\nenabled = false\n");
-    let packets: Vec<Packet> = (0..40).map(|_| overload.receiver.packet()).collect();
+    let mut packets = Vec::new();
+    eventually("frames", || {
+        packets.push(overload.receiver.packet());
+        gaps(&packets).len() > 4
+    });
     let gaps = gaps(&packets);
-    assert!(gaps.len() > 4 && gaps.iter().all(|gap| *gap >= 2), "{gaps:?}");
+    assert!(gaps.iter().all(|gap| *gap >= 2), "{gaps:?}");
     let log = overload.service.stopped();
     assert!(log.contains(" step=full step_by=none step_changes=0 "), "{log}");
     assert!(counted(&log, "left_out") == 0 && counted(&log, "skipped") > 0, "{log}");

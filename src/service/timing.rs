@@ -267,6 +267,27 @@ mod tests {
         assert_eq!(timing.counters.frame_period_us.load(Relaxed), 99_999);
     }
 
+    /// The camera and the reader are on the clock of the test. The reader takes the newest frame that has come, or waits for
+    /// the one that the step wants, and is then busy.
+    #[test]
+    fn frames_come_evenly_on_a_step_that_fits_however_late_the_reader_is() {
+        for (busy_periods, step) in [(0.5, Step::Third), (2.5, Step::Third), (4.5, Step::Sixth), (8.5, Step::Twelfth)] {
+            let mut timing = timing();
+            timing.set_step(step);
+            let period_us = micros(timing.camera_period);
+            let mut now_us = 1_000_000;
+            let mut taken = Vec::new();
+            for _ in 0..20 {
+                let number = (now_us / period_us).max(timing.wanted_us().div_ceil(period_us));
+                timing.captured(number * period_us);
+                taken.push(number);
+                now_us = now_us.max(number * period_us) + micros(timing.camera_period.mul_f64(busy_periods));
+            }
+            let gaps: Vec<u64> = taken.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            assert!(gaps.iter().all(|gap| *gap == u64::from(step.every())), "{busy_periods}, {step:?}: {gaps:?}");
+        }
+    }
+
     fn frame(timing: &mut FrameTiming, decoding_ms: u64, work_ms: u64) {
         timing.worked(0, 0, work_ms * 1000, &StageTimes::default());
         timing.decoded(Duration::from_millis(decoding_ms));

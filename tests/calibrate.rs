@@ -7,11 +7,9 @@ use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use common::program::{Run, facewire, settings, text};
 use common::service::{Receiver, Service};
-use rustix::process::Signal;
 use tempfile::TempDir;
 
 /// A profile of a face of few points, made by hand.
@@ -125,10 +123,8 @@ fn calibration_shows_progress_and_ctrl_c_cancels_it() {
         folders.calibrate(&["--wearer", "carl"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut out = BufReader::new(client.stdout.take().unwrap());
     out.read_line(&mut String::new()).unwrap();
-    // In spite of a calibration, the service ends at once.
-    let (run, took) = service.stop(Signal::TERM);
-    assert_eq!(run.status, Some(0), "{}", run.err);
-    assert!(took < Duration::from_secs(10), "{took:?}");
+    // The service does not wait for the end of the calibration, which would take a minute.
+    service.stopped();
     drop(out);
     let sentence = Run::ended(&client.wait_with_output().unwrap());
     assert!(sentence.err.is_empty() || sentence.err.contains("does not answer"), "{sentence:?}");

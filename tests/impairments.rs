@@ -15,16 +15,14 @@ mod track;
 
 use std::io::BufReader;
 use std::sync::LazyLock;
-use std::thread::{scope, sleep};
-use std::time::{Duration, Instant};
+use std::thread::scope;
 
 use common::film::{decode, read_y4m};
 use common::service::Service;
-use common::{PATIENCE, shared};
+use common::{eventually, shared};
 use facewire::capture::{Clip, Source};
 use facewire_board::Impairment;
 use photo::Photo;
-use rustix::process::Signal;
 use track::{Track, agreement};
 
 /// White of a sensor in electrons: of one that amplifies little, and of one in dim light at its highest gain.
@@ -173,15 +171,7 @@ fn assert_told(scene: &str, impairment: Impairment) {
     let (service, receiver) = Service::with_receiver(&toml);
     receiver.packet();
     for wanted in [impairment.name(), "none"].map(|name| format!(" impaired_by={name} ")) {
-        let begun = Instant::now();
-        let is_told = |log: &str| {
-            log.lines().rfind(|line| line.contains(" impaired_by=")).is_some_and(|line| line.contains(&wanted))
-        };
-        while !is_told(&service.log()) {
-            assert!(begun.elapsed() < PATIENCE, "never{wanted}: {}", service.log());
-            service.signal(Signal::USR1);
-            sleep(Duration::from_millis(200));
-        }
+        eventually(&wanted, || service.status().contains(&wanted));
     }
     assert_eq!(service.logged(impairment.sentence()), 1, "{}", service.log());
 }

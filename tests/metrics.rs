@@ -8,25 +8,23 @@ use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::Command;
-use std::thread::sleep;
-use std::time::Duration;
 
+use common::ports::HeldPort;
 use common::program::{Run, text};
-use common::service::{DEMO, Receiver, Service};
+use common::service::{DEMO, NO_CAMERA, Receiver, Service};
 use common::{PATIENCE, eventually, project};
+use facewire_packet::Reason;
 use rustix::process::{Resource, Rlimit, Signal, getrlimit, prlimit};
 use serde_json::Value;
 
-/// How far counters may differ: frames that are solved but not sent yet, or that come while the page is written.
-const FRAMES_BETWEEN: f64 = 30.0;
+/// Settings with this camera, under which the metrics are served at `listen`.
+fn settings(camera: &str, listen: &str) -> String {
+    format!("{camera}[metrics]\nlisten = \"{listen}\"\n")
+}
 
 /// Starts a service that plays the built-in clip and serves its metrics at `listen`.
 fn start(listen: &str) -> (Service, Receiver) {
-    Service::live(&format!("{DEMO}[metrics]\nlisten = \"{listen}\"\n"))
-}
-
-fn free_address() -> String {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
+    Service::live(&settings(DEMO, listen))
 }
 
 fn samples(python: &Path, listen: &str) -> Value {
@@ -49,25 +47,27 @@ fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
         return common::skip("Prometheus' parser is not there; run scripts/setup tests");
     };
     let folder = tempfile::tempdir().unwrap();
-    for listen in [free_address(), format!("unix:{}", text(&folder.path().join("metrics.sock")))] {
-        let (service, _receiver) = start(&listen);
-        let before = samples(&python, &listen);
+    let port = HeldPort::new();
+    for listen in [port.address().to_string(), format!("unix:{}", text(&folder.path().join("metrics.sock")))] {
+        let (service, receiver) = start(&listen);
+        // Without a camera, no frame is on its way.
+        service.change(&settings(NO_CAMERA, &listen));
+        receiver.until(|packet| packet.reason == Reason::NoCamera);
         let samples = samples(&python, &listen);
         let value = |name: &str| samples[name].as_f64().unwrap_or_else(|| panic!("no {name} in {samples}"));
 
         let solved = value("facewire_frames_total{result=solved}");
-        assert!(solved > before["facewire_frames_total{result=solved}"].as_f64().unwrap(), "they go on");
-        for [count, sum, longest_s] in [
-            ["facewire_stage_seconds_count{stage=wait}", "facewire_stage_seconds_sum{stage=wait}", "1"],
-            ["facewire_stage_seconds_count{stage=mesh}", "facewire_stage_seconds_sum{stage=mesh}", "1"],
-            ["facewire_stage_seconds_count{stage=solve}", "facewire_stage_seconds_sum{stage=solve}", "0.1"],
-            ["facewire_work_seconds_count{}", "facewire_work_seconds_sum{}", "1"],
-            ["facewire_age_seconds_count{}", "facewire_age_seconds_sum{}", "1"],
-        ] {
-            assert!((value(count) - solved).abs() <= FRAMES_BETWEEN, "{count}: {samples}");
-            let mean_s = value(sum) / value(count);
-            assert!(mean_s > 0.0 && mean_s < longest_s.parse().unwrap(), "{sum}: {mean_s} s in the mean");
+        assert!(solved > 0.0, "{samples}");
+        for (name, label) in [("stage", "stage=wait"), ("stage", "stage=mesh"), ("stage", "stage=solve"), ("work", "")]
+        {
+            let count = value(&format!("facewire_{name}_seconds_count{{{label}}}"));
+            assert!(count == solved, "{name} {label}: {samples}");
+            assert!(value(&format!("facewire_{name}_seconds_sum{{{label}}}")) > 0.0, "{name} {label}: {samples}");
         }
+        // On a busy machine, a newer pose may come before the sender has seen the last one.
+        let sent = value("facewire_age_seconds_count{}");
+        assert!(sent > 0.0 && sent <= solved, "{samples}");
+        assert!(value("facewire_age_seconds_sum{}") > 0.0, "{samples}");
         let states =
             ["live", "hold", "decay", "neutral"].map(|state| format!("facewire_failsafe_state{{state={state}}}"));
         assert!((states.iter().map(|state| value(state)).sum::<f64>() - 1.0).abs() < 1e-9, "{samples}");
@@ -79,8 +79,9 @@ fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
 
 #[test]
 fn a_port_in_use_is_told_once_stops_no_face_and_is_taken_when_it_is_free() {
-    let other = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = other.local_addr().unwrap().to_string();
+    let port = HeldPort::new();
+    let address = port.address().to_string();
+    let other = TcpListener::bind(&address).unwrap();
     let (service, receiver) = start(&address);
     (0..60).for_each(|_| _ = receiver.packet());
     drop(other);
@@ -99,7 +100,7 @@ fn the_socket_that_a_killed_service_left_behind_is_taken_by_the_next() {
     for _ in 0..2 {
         let (service, _receiver) = start(&format!("unix:{}", text(&path)));
         eventually("metrics", || UnixStream::connect(&path).is_ok());
-        assert_eq!(service.stop(Signal::KILL).0.status, None);
+        assert_eq!(service.stop(Signal::KILL).status, None);
         assert!(path.exists());
     }
 }
@@ -113,7 +114,8 @@ fn ticks(thread: i32) -> u64 {
 
 #[test]
 fn wrong_requests_are_answered_a_silent_reader_delays_no_other_and_one_without_a_descriptor_waits_and_costs_nothing() {
-    let address = free_address();
+    let port = HeldPort::new();
+    let address = port.address().to_string();
     let (mut service, receiver) = start(&address);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
     let _silent = TcpStream::connect(&address).unwrap();
@@ -129,12 +131,15 @@ fn wrong_requests_are_answered_a_silent_reader_delays_no_other_and_one_without_a
         let answer = answer(&address, request);
         assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{answer}");
     }
-    let (thread, own) = (service.thread("fw-control"), getrlimit(Resource::Nofile));
+    let thread = service.thread("fw-control");
+    let own = getrlimit(Resource::Nofile);
     prlimit(Some(service.pid()), Resource::Nofile, Rlimit { current: Some(3), ..own }).unwrap();
     let reader = std::thread::spawn(move || answer(&address, good));
-    let begun = ticks(thread);
-    sleep(Duration::from_secs(2));
-    let took = ticks(thread) - begun;
+    let before = ticks(thread);
+    // Two seconds of the clip.
+    receiver.rest();
+    receiver.live_packets(60);
+    let took = ticks(thread) - before;
     assert!(took < 10, "{took} of 200 ticks");
     prlimit(Some(service.pid()), Resource::Nofile, own).unwrap();
     assert!(reader.join().unwrap().starts_with("HTTP/1.1 200 OK"));

@@ -1,6 +1,4 @@
 //! `facewire run` from camera to receivers, and `facewire monitor`.
-//!
-//! Times have wide margins: the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 #![allow(clippy::float_cmp, reason = "a neutral face is 0 exactly")]
 
@@ -8,19 +6,18 @@ mod common;
 
 use std::fs;
 use std::io::{PipeReader, PipeWriter, Write as _, pipe};
-use std::process::Command;
-use std::time::{Duration, Instant};
+use std::process::{Command, Stdio};
 
+use common::ports::udp_port_of;
 use common::program::{Run, facewire, text};
 use common::service::{DEMO, NO_CAMERA, Receiver, Service, counted};
 use common::slew::assert_slew;
+use common::stuck::Stuck;
 use common::{eventually, project, skip};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use serde_json::Value;
-
-const LONGEST_STOP: Duration = Duration::from_secs(3);
 
 /// Checks that no packet was lost and none came twice, from the very first.
 fn assert_numbered(packets: &[Packet]) {
@@ -29,8 +26,7 @@ fn assert_numbered(packets: &[Packet]) {
 
 /// Checks that the face went to neutral without a step, that the last word was three neutral faces, and how the process
 /// ended.
-fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
-    assert!(took < LONGEST_STOP, "{took:?}");
+fn assert_stopped(packets: &[Packet], run: Run) -> String {
     packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
     let is_last_word = |packet: &&Packet| packet.reason == Reason::Stopping && packet.state == State::Neutral;
     assert_eq!(packets.iter().filter(is_last_word).count(), 3);
@@ -65,7 +61,10 @@ fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     let ended = service.stop(Signal::TERM);
     packets.extend(first.rest());
     assert_numbered(&packets);
-    assert_eq!(packets, second.rest(), "to the second receiver go the same packets");
+    // Until the name of its host is found, the second receiver gets nothing.
+    let of_second = second.rest();
+    assert!(of_second.iter().any(|packet| packet.state == State::Live), "{of_second:?}");
+    assert!(packets.ends_with(&of_second), "to the second receiver go the same packets");
     let log = assert_stopped(&packets, ended);
     assert!(log.contains("camera opened: demo: MJPEG 640x480 at 30 fps"), "{log}");
     // Every frame and every packet is in one of the counts of the last line.
@@ -74,14 +73,11 @@ fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     assert_eq!(count("packets"), count("sent") + count("dropped"), "{log}");
 }
 
+/// The sender's own tests say how often.
 #[test]
-fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why() {
+fn without_a_camera_a_neutral_face_is_sent_again_and_again_and_the_log_says_why() {
     let (service, receiver) = Service::with_receiver(NO_CAMERA);
-    let mut packets = vec![receiver.packet()];
-    let begun = Instant::now();
-    packets.extend((0..20).map(|_| receiver.packet()));
-    let took_s = begun.elapsed().as_secs_f64();
-    assert!((1.5..4.0).contains(&took_s), "20 packets in {took_s} s");
+    let mut packets: Vec<Packet> = (0..20).map(|_| receiver.packet()).collect();
     for packet in &packets {
         assert_eq!((packet.state, packet.reason), (State::Neutral, Reason::NoCamera));
         assert_eq!(packet.coefficients, [0.0; BLENDSHAPES.len()]);
@@ -127,41 +123,40 @@ fn a_network_that_takes_no_packets_is_told_once() {
     let service = Service::of(command, NO_CAMERA, &["192.0.2.1:5252".to_owned()], |command| command);
     let refusal = "link 192.0.2.1:5252: the network takes no packets (Network is unreachable";
     service.await_log(refusal);
-    let before = service.logged(" links_open=0 ");
-    service.signal(Signal::USR1);
-    eventually("the status", || service.logged(" links_open=0 ") > before);
+    assert_eq!(counted(&service.status(), "links_open"), 0);
     assert_eq!(service.stopped().matches(refusal).count(), 1);
 }
 
-/// The age of the last pose that tells that the camera hangs, even on a busy machine, microseconds.
-const HUNG_US: u32 = 3_000_000;
-
-/// Starts a service whose camera hangs in the kernel, and returns it with its receiver and the packets so far.
-fn hung() -> (Service, Receiver, Vec<Packet>) {
-    let (service, receiver) = Service::with_receiver("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n");
-    let mut packets = receiver.live();
-    packets.extend(receiver.until(|packet| packet.age_us > HUNG_US));
-    (service, receiver, packets)
+/// Waits until a service has ended although this thread of it is stuck.
+fn ended(service: Service, stuck: Stuck) -> Run {
+    // The process stays a zombie until this one has seen the end of the thread.
+    eventually("the end", || service.proc("status").contains("State:\tZ"));
+    drop(stuck);
+    service.stop(Signal::TERM)
 }
 
+/// The thread that reads the camera is stopped, as if its driver did not return.
 #[test]
 fn a_hung_camera_does_not_keep_the_service_from_stopping() {
-    let (service, receiver, mut packets) = hung();
-    let ended = service.stop(Signal::TERM);
+    let (mut service, receiver) = Service::with_receiver(DEMO);
+    let mut packets = receiver.live();
+    let stuck = Stuck::stop(service.thread("fw-hot"));
+    service.signal(Signal::TERM);
+    let ended = ended(service, stuck);
     packets.extend(receiver.rest());
     let log = assert_stopped(&packets, ended);
     assert!(log.contains("is left behind"), "{log}");
 }
 
+/// The sender is stuck, so that the first signal alone does not end the service.
 #[test]
 fn a_second_signal_ends_the_service_at_once() {
-    let (service, receiver, _) = hung();
+    let (mut service, _receiver) = Service::live(DEMO);
+    let stuck = Stuck::stop(service.thread("fw-sender"));
     service.signal(Signal::TERM);
-    receiver.until(|packet| packet.reason == Reason::Stopping);
-    let (run, took) = service.stop(Signal::INT);
+    service.signal(Signal::INT);
+    let run = ended(service, stuck);
     assert_eq!(run.status, Some(130), "{}", run.err);
-    assert!(took < Duration::from_secs(1), "{took:?}");
-    assert!(!run.err.contains("is left behind"), "the first signal was obeyed: {}", run.err);
 }
 
 /// Starts a service that logs into this pipe, asks it for a line, and checks that it runs and stops all the same.
@@ -203,11 +198,10 @@ fn the_monitor_shows_packets_and_fails_at_a_silent_or_taken_port_with_what_to_ch
     assert!(run.sentence(1).contains("give --listen another address"), "{}", run.err);
     let run = Run::of(&mut facewire(["monitor", "--listen", "127.0.0.1:0", "--seconds", "0.2"]));
     assert!(run.sentence(1).contains("no packet came to "), "{}", run.err);
-    let address = receiver.address();
-    drop(receiver);
-    let _service = Service::start(DEMO, std::slice::from_ref(&address));
-    let mut monitor = facewire(["monitor", "--json", "--packets", "5", "--seconds", "20", "--listen", &address]);
-    let run = Run::of(&mut monitor).succeeded();
+    let mut monitor = facewire(["monitor", "--json", "--packets", "5", "--seconds", "60", "--listen", "127.0.0.1:0"]);
+    let monitor = monitor.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let _service = Service::start(DEMO, &[format!("127.0.0.1:{}", udp_port_of(monitor.id()))]);
+    let run = Run::ended(&monitor.wait_with_output().unwrap()).succeeded();
     assert!(run.err.starts_with("5 packets in "), "{}", run.err);
     let lines: Vec<Value> = run.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let sequences = lines.iter().map(|line| line["sequence"].as_u64().unwrap());

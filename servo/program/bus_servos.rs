@@ -12,7 +12,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::Stdio;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use bus::Bus;
 use common::board::{Board, StablePath};
@@ -63,9 +63,8 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
         bus.lock().servos[0].motor = 300.0;
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
         eventually("a servo on its way", || bus.servos()[0].1 > 505.0);
-        let (_, took) = service.stop(Signal::TERM);
+        service.stop(Signal::TERM);
         await_servos(&bus, &free);
-        assert!(took < Duration::from_secs(4), "{took:?}");
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
         await_servos(&bus, &held);
         let beside = rest(&links);

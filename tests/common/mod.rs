@@ -7,6 +7,7 @@ pub mod film;
 pub mod maestro;
 pub mod networks;
 pub mod points;
+pub mod ports;
 pub mod program;
 pub mod service;
 mod skip;

@@ -125,21 +125,30 @@ impl Service {
         kill_process(self.pid(), signal).unwrap();
     }
 
-    /// Sends the signal and waits for the end. Returns the run, and how long the end took.
-    pub fn stop(mut self, signal: Signal) -> (Run, Duration) {
-        let begun = Instant::now();
+    /// Asks for a status line and waits for it. Before its first packet, a service may not heed the signal yet, which then
+    /// kills it.
+    pub fn status(&self) -> String {
+        let before = status_lines(&self.log()).count();
+        self.signal(Signal::USR1);
+        eventually("a status line", || status_lines(&self.log()).count() > before);
+        status_lines(&self.log()).next_back().unwrap().to_owned()
+    }
+
+    /// Sends the signal and waits for the end.
+    pub fn stop(mut self, signal: Signal) -> Run {
         self.signal(signal);
         eventually("the end", || self.child.try_wait().unwrap().is_some());
-        let took = begun.elapsed();
-        let (status, mut out, err) = (self.child.wait().unwrap().code(), String::new(), self.log());
+        let status = self.child.wait().unwrap().code();
+        let mut out = String::new();
         self.child.stdout.take().map(|mut stdout| stdout.read_to_string(&mut out).unwrap());
+        let err = self.log();
         assert!(!err.contains("panicked"), "{err}");
-        (Run { status, out, err }, took)
+        Run { status, out, err }
     }
 
     /// Stops the service as systemd does, which must succeed. Returns its log.
     pub fn stopped(self) -> String {
-        self.stop(Signal::TERM).0.succeeded().err
+        self.stop(Signal::TERM).succeeded().err
     }
 }
 
@@ -155,10 +164,13 @@ impl Drop for Service {
     }
 }
 
+fn status_lines(log: &str) -> impl DoubleEndedIterator<Item = &str> {
+    log.lines().filter(|line| line.contains(" cameras_opened="))
+}
+
 /// Returns this counter of the last status line in a log.
 pub fn counted(log: &str, key: &str) -> u64 {
-    let line = log.lines().rfind(|line| line.contains(" cameras_opened="));
-    let line = line.unwrap_or_else(|| panic!("no status: {log}"));
+    let line = status_lines(log).next_back().unwrap_or_else(|| panic!("no status: {log}"));
     let value = line.split_whitespace().find_map(|part| part.strip_prefix(key)?.strip_prefix('='));
     value.unwrap_or_else(|| panic!("no {key}: {line}")).parse().unwrap()
 }
@@ -168,7 +180,7 @@ pub struct Receiver(pub UdpSocket);
 impl Receiver {
     pub fn new() -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
         Self(socket)
     }
 
@@ -180,7 +192,7 @@ impl Receiver {
         self.0.local_addr().unwrap().to_string()
     }
 
-    /// Returns the next datagram, which must come within 10 seconds.
+    /// Waits for the next datagram.
     pub fn datagram(&self) -> Vec<u8> {
         let mut bytes = vec![0; 2048];
         let length = self.0.recv(&mut bytes).unwrap_or_else(|error| panic!("nothing came: {error}"));
@@ -188,7 +200,7 @@ impl Receiver {
         bytes
     }
 
-    /// Returns the next packet, which must be valid and come within 10 seconds.
+    /// Waits for the next packet, which must be valid.
     pub fn packet(&self) -> Packet {
         Packet::decode(&self.datagram()).unwrap()
     }

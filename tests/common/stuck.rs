@@ -38,8 +38,10 @@ impl Stuck {
 
 impl Drop for Stuck {
     fn drop(&mut self) {
-        // The thread may have been killed meanwhile.
-        let _ = ptrace::detach(self.0, None);
+        // The thread may have been killed meanwhile. Then its process cannot end before this one has seen that.
+        if ptrace::detach(self.0, None).is_err() {
+            let _ = waitpid(self.0, Some(WaitPidFlag::__WALL));
+        }
     }
 }
 

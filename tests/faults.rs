@@ -1,7 +1,7 @@
 //! What receivers see, in real time, if the face is lost, or if the camera or an inference fails.
 //!
 //! `src/service/failsafe/` tests the times of the failsafe to the microsecond, in simulated time. Here they are lower
-//! bounds, since the machine may be busy.
+//! bounds, and states may be passed over, since the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -9,15 +9,14 @@ mod common;
 use std::thread::sleep;
 use std::time::Duration;
 
+use common::eventually;
 use common::service::{DEMO, Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 
-/// Ages of the last good pose at which hold, decay and neutral begin, microseconds.
-const TIMES_US: [u32; 3] = [150_000, 300_000, 1_000_000];
-/// How late a state may begin on a busy machine, microseconds.
-const LATER_US: u32 = 1_000_000;
+/// The states of a fault in their order, and the age of the last good pose at which each begins at the earliest, microseconds.
+const STATES: [(State, u32); 3] = [(State::Hold, 150_000), (State::Decay, 300_000), (State::Neutral, 1_000_000)];
 
 /// Returns the packets between two live ones in which the face first becomes neutral. A busy machine may hold the face
 /// briefly before and after.
@@ -33,12 +32,11 @@ fn assert_failsafe(packets: &[Packet], reason: Reason) {
     packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
     assert!(packets.windows(2).all(|pair| pair[1].sequence == pair[0].sequence.wrapping_add(1)));
     let faulty = lasting_fault(packets);
-    let mut states: Vec<State> = faulty.iter().map(|packet| packet.state).collect();
-    states.dedup();
-    assert_eq!(states, [State::Hold, State::Decay, State::Neutral]);
-    for (state, from_us) in states.iter().zip(TIMES_US) {
-        let first = faulty.iter().find(|packet| packet.state == *state).unwrap();
-        assert!((from_us..from_us + LATER_US).contains(&first.age_us), "{first:?}");
+    let place = |packet: &&Packet| STATES.iter().position(|(state, _)| *state == packet.state).unwrap();
+    assert!(faulty.is_sorted_by_key(place), "{faulty:?}");
+    for packet in &faulty {
+        let (_, earliest_us) = STATES[place(packet)];
+        assert!(packet.age_us >= earliest_us, "{packet:?}");
     }
     let last = faulty.last().unwrap();
     assert_eq!((last.reason, last.coefficients), (reason, [0.0; BLENDSHAPES.len()]));
@@ -81,12 +79,15 @@ fn a_camera_with_damaged_frames_only_is_none_and_comes_back_by_a_ramp() {
 /// The service opens such a camera again and again, says so once, and counts every damaged frame.
 #[test]
 fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() {
-    let (service, receiver) = Service::with_receiver("[camera]\ndevice = \"rehearsal: damaged 60\"\n");
-    let packets: Vec<Packet> = (0..40).map(|_| receiver.packet()).collect();
-    let is_blind = |packet: &Packet| (packet.state, packet.reason) == (State::Neutral, Reason::NoCamera);
-    assert!(packets.iter().skip(20).all(is_blind));
+    let (service, receiver) = Service::with_receiver("[camera]\ndevice = \"rehearsal: damaged 3600\"\n");
+    receiver.packet();
+    // Eight of them for each time that the camera is opened.
+    eventually("damaged frames", || counted(&service.status(), "damaged") > 16);
+    for packet in receiver.rest() {
+        assert_eq!((packet.state, packet.reason), (State::Neutral, Reason::NoCamera));
+    }
     let log = service.stopped();
-    assert!(counted(&log, "damaged") >= 16 && counted(&log, "cameras_opened") == 0, "{log}");
+    assert_eq!(counted(&log, "cameras_opened"), 0, "{log}");
     assert_eq!(log.matches("no camera: 8 frames in a row were bad").count(), 1, "{log}");
     assert!(!log.contains("camera opened"), "{log}");
 }
@@ -101,14 +102,15 @@ fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
     assert_failsafe(&through(packets, &receiver), Reason::Late);
 }
 
-/// Each stop takes three frame periods. Decoding does not count as work on a frame, but not all of these stops hit it.
+/// Each stop takes three frame periods, and not every stop hits the work on a frame.
 #[test]
 fn work_that_takes_longer_than_a_frame_period_is_a_missed_deadline() {
     let (mut service, _receiver) = Service::live(DEMO);
-    for _ in 0..10 {
-        let _stuck = Stuck::computing(service.thread("fw-hot"));
+    let hot = service.thread("fw-hot");
+    eventually("a missed deadline", || {
+        let stuck = Stuck::computing(hot);
         sleep(Duration::from_millis(100));
-    }
-    let log = service.stopped();
-    assert!(counted(&log, "deadline_misses") > 0, "{log}");
+        drop(stuck);
+        counted(&service.status(), "deadline_misses") > 0
+    });
 }

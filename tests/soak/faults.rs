@@ -40,7 +40,8 @@ impl Fault {
         }
         let begins = random.u32(0..self.rarity) == 0;
         begins.then(|| {
-            (self.left, self.count) = (random.u32(1..=self.longest), self.count + 1);
+            self.left = random.u32(1..=self.longest);
+            self.count += 1;
             true
         })
     }
@@ -62,7 +63,8 @@ pub struct Faults {
 
 impl Faults {
     pub fn new() -> Self {
-        let (path, board) = (StablePath::new(), Board::plugged_in());
+        let path = StablePath::new();
+        let board = Board::plugged_in();
         path.leads_to(&board);
         let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
         Self {
@@ -107,11 +109,7 @@ impl Faults {
     pub fn step(&mut self, process: &Process) {
         match self.board_pulled.step(&mut self.random) {
             Some(true) => self.path.pull(self.board.take().unwrap()),
-            Some(false) => {
-                let board = Board::plugged_in();
-                self.path.leads_to(&board);
-                self.board = Some(board);
-            }
+            Some(false) => self.plug_in(),
             None => _ = self.board.as_mut().map(Board::packets),
         }
         if let Some(begins) = self.receiver_ended.step(&mut self.random) {
@@ -122,9 +120,18 @@ impl Faults {
         }
     }
 
-    /// Ends the fault of the inference, and returns how often each happened.
+    fn plug_in(&mut self) {
+        let board = Board::plugged_in();
+        self.path.leads_to(&board);
+        self.board = Some(board);
+    }
+
+    /// Ends the faults, and returns how often each happened.
     pub fn end(&mut self) -> String {
         self.stopped = None;
+        if self.board.is_none() {
+            self.plug_in();
+        }
         let [pulled, ended, stopped] =
             [&self.board_pulled, &self.receiver_ended, &self.inference_stopped].map(|fault| fault.count);
         let changes = self.changes;

@@ -9,8 +9,13 @@ use super::common::service::counted;
 use super::common::slew::assert_slew;
 use super::process::{Arrival, Sample};
 
-/// Longest time between two packets. A neutral face is sent 10 times a second; a busy machine may be later.
+/// Longest time between two packets, apart from the time in which the sender waits for a processor. A neutral face is sent
+/// 10 times a second.
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
+/// In so many judged seconds, one may show minor page faults, because the kernel may move a page of its own accord.
+const SECONDS_PER_FAULT: usize = 3600;
+/// What must have been seen at the end: the state and its reason.
+const WANTED: [&str; 4] = ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"];
 /// A serial port, a receiver with faults, and a receiver without.
 const LINKS: u64 = 3;
 /// Seconds at the beginning that are not judged, because networks load and caches fill.
@@ -32,6 +37,8 @@ pub struct Judge {
     /// For how many seconds frames have flowed under the same settings.
     flowing_s: usize,
     judged_s: usize,
+    /// The judged seconds with minor page faults.
+    faulted_s: usize,
 }
 
 impl Judge {
@@ -40,8 +47,11 @@ impl Judge {
         // These packets stem from frames, with or without a face.
         let is_of_frame = |(_, packet): &Arrival| matches!(packet.reason, Reason::None | Reason::NoFace);
         let flows = !packets.is_empty() && packets.iter().all(is_of_frame);
+        // The last pause may have begun in the second before.
+        let before = self.samples.iter().rev().nth(1).map_or(Duration::ZERO, |earlier| earlier.starved);
+        let longest_pause = LONGEST_PAUSE + (sample.starved - before);
         for arrival in packets {
-            self.packet(arrival);
+            self.packet(arrival, longest_pause);
         }
         self.flowing_s = if flows && !is_changed { self.flowing_s + 1 } else { 0 };
         self.samples.push(sample);
@@ -57,18 +67,25 @@ impl Judge {
         let second = self.samples.len() - 1;
         let [.., before, after, _] = &self.samples[..] else { return };
         assert_eq!(after.allocations, before.allocations, "frames allocate, in second {second}");
-        assert_eq!(after.page_faults, before.page_faults, "frames fault pages, in second {second}");
+        assert_eq!(after.major_faults, before.major_faults, "frames fault pages on a disk, in second {second}");
         self.judged_s += 1;
+        self.faulted_s += usize::from(after.minor_faults != before.minor_faults);
     }
 
-    fn packet(&mut self, (at, packet): Arrival) {
+    /// Whether frames flowed for long enough, and every state has come.
+    pub fn has_seen_all(&self) -> bool {
+        self.judged_s > 0 && WANTED.iter().all(|wanted| self.seen.contains(*wanted))
+    }
+
+    fn packet(&mut self, (at, packet): Arrival, longest_pause: Duration) {
         self.packets += 1;
         self.seen.insert(format!("{:?}/{:?}", packet.state, packet.reason));
         assert_eq!(packet.state == State::Live, packet.reason == Reason::None, "{packet:?}");
         if let Some((last_at, last)) = self.last.replace((at, packet)) {
             assert_eq!(packet.sequence, last.sequence.wrapping_add(1), "a packet is missing");
-            let pause = at - last_at;
-            assert!(pause < LONGEST_PAUSE, "{pause:?} without a packet, after {} s", self.samples.len());
+            // The system's clock may be set back.
+            let pause = at.saturating_sub(last_at);
+            assert!(pause < longest_pause, "{pause:?} without a packet, after {} s", self.samples.len());
             self.longest_pause = self.longest_pause.max(pause);
             assert_slew(&last, &packet);
         }
@@ -77,7 +94,7 @@ impl Judge {
     /// Judges the last packets, the log with the service's own counts, and the memory over the whole run.
     pub fn end(&mut self, packets: Vec<Arrival>, log: &str) {
         for arrival in packets {
-            self.packet(arrival);
+            self.packet(arrival, Duration::MAX);
         }
         let (_, last) = self.last.unwrap();
         assert_eq!((last.state, last.reason), (State::Neutral, Reason::Stopping));
@@ -93,18 +110,25 @@ impl Judge {
         assert_eq!(count("faces") + count("no_face") + count("rejected"), count("frames"), "{log}");
         assert_eq!(count("sent") + count("dropped"), count("packets"), "{log}");
         self.assert_memory();
-        for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {
-            assert!(self.seen.contains(wanted), "{wanted} never came: {:?}", self.seen);
-        }
-        assert!(self.judged_s > 0, "frames never flowed for long enough to be judged");
+        let allowed_s = 1 + self.judged_s / SECONDS_PER_FAULT;
+        assert!(self.faulted_s <= allowed_s, "frames fault pages, in {} of {} seconds", self.faulted_s, self.judged_s);
+    }
+
+    /// The descriptors that the service had open at most in the first third of the run.
+    pub fn descriptors_at_first(&self) -> usize {
+        let (first, _) = self.thirds();
+        first.iter().map(|sample| sample.descriptors).max().unwrap()
+    }
+
+    /// The samples of the first and of the last third of what is judged.
+    fn thirds(&self) -> (&[Sample], &[Sample]) {
+        let judged = &self.samples[WARM_UP_S..];
+        let third = judged.len() / 3;
+        (&judged[..third], &judged[judged.len() - third..])
     }
 
     fn assert_memory(&self) {
-        let judged = &self.samples[WARM_UP_S..];
-        let third = judged.len() / 3;
-        let (first, last) = (&judged[..third], &judged[judged.len() - third..]);
-        let most = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).max().unwrap();
-        assert!(most(last) <= most(first), "descriptors: {} at first, {} at last", most(first), most(last));
+        let (first, last) = self.thirds();
         let between = last[0].at - first[0].at;
         let growth_kib = median_kib(last) - median_kib(first);
         let allowed_kib = RESIDENT_NOISE_KIB.max(RESIDENT_KIB_PER_H * between.as_secs_f64() / 3600.0);

@@ -1,28 +1,36 @@
 //! The service as a process, observed from outside.
 
 use std::fs;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader, IoSliceMut, Write as _};
+use std::os::fd::AsRawFd as _;
 use std::process::{ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex};
-use std::thread;
 use std::time::{Duration, Instant};
 
-use facewire_packet::Packet;
+use facewire_packet::{PACKET_BYTES, Packet};
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::sockopt::{RcvBuf, ReceiveTimestampns};
+use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg, setsockopt};
+use nix::sys::time::TimeSpec;
 
 use super::SERVICE;
 use super::common::service::{Receiver, Service};
 
-/// Fields of a thread's `stat`, counted after its name: minor and major page faults.
-const FAULT_FIELDS: [usize; 2] = [7, 9];
+/// Fields of a thread's `stat`, counted after its name.
+const MINOR_FAULTS: usize = 7;
+const MAJOR_FAULTS: usize = 9;
+/// Room for the packets of several seconds, in case this process is not run for so long.
+const BUFFER_BYTES: usize = 1 << 20;
 
-pub type Arrival = (Instant, Packet);
+/// When the kernel received a packet, on the system's clock, however late this process reads it.
+pub type Arrival = (Duration, Packet);
 
 /// The service with a receiver that never goes away.
 pub struct Process {
     pub service: Service,
     requests: ChildStdin,
     answers: BufReader<ChildStdout>,
-    arrivals: Arc<Mutex<Vec<Arrival>>>,
+    receiver: Receiver,
     /// The threads that handle a frame: the hot loop and the sender.
     pub threads: [i32; 2],
 }
@@ -31,7 +39,10 @@ pub struct Sample {
     pub at: Instant,
     /// Counts of the hot loop and the sender since they started.
     pub allocations: [u64; 2],
-    pub page_faults: [u64; 2],
+    pub minor_faults: [u64; 2],
+    pub major_faults: [u64; 2],
+    /// How long the sender has waited for a processor since it started.
+    pub starved: Duration,
     pub resident_kib: usize,
     pub descriptors: usize,
 }
@@ -40,25 +51,20 @@ impl Process {
     /// Starts the service with these settings and another link, to the receiver.
     pub fn start(toml: &str) -> Self {
         let receiver = Receiver::new();
+        setsockopt(&receiver.0, ReceiveTimestampns, &true).unwrap();
+        setsockopt(&receiver.0, RcvBuf, &BUFFER_BYTES).unwrap();
         let this = Command::new(std::env::current_exe().unwrap());
         let mut service =
             Service::of(this, toml, &[receiver.address()], |command| command.env(SERVICE, "1").stdin(Stdio::piped()));
-        let arrivals = Arc::<Mutex<Vec<Arrival>>>::default();
-        let collected = Arc::clone(&arrivals);
-        receiver.0.set_read_timeout(None).unwrap();
-        thread::spawn(move || {
-            loop {
-                let packet = receiver.packet();
-                collected.lock().unwrap().push((Instant::now(), packet));
-            }
-        });
-        let (requests, answers) = (service.child.stdin.take().unwrap(), service.child.stdout.take().unwrap());
+        let requests = service.child.stdin.take().unwrap();
+        let answers = BufReader::new(service.child.stdout.take().unwrap());
         let threads = ["fw-hot", "fw-sender"].map(|name| service.thread(name));
-        Self { service, requests, answers: BufReader::new(answers), arrivals, threads }
+        Self { service, requests, answers, receiver, threads }
     }
 
+    /// Returns the packets that have come since the last call.
     pub fn packets(&self) -> Vec<Arrival> {
-        std::mem::take(&mut self.arrivals.lock().unwrap())
+        arrivals(&self.receiver)
     }
 
     pub fn sample(&mut self) -> Sample {
@@ -69,25 +75,56 @@ impl Process {
             let mut pairs = answer.split_whitespace().filter_map(|pair| pair.split_once(':'));
             pairs.find(|(number, _)| *number == thread.to_string()).map_or(0, |(_, count)| count.parse().unwrap())
         };
-        let page_faults = |thread: i32| {
+        let faults = |thread: i32, field: usize| {
             let stat = self.service.proc(&format!("task/{thread}/stat"));
             let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
-            FAULT_FIELDS.iter().map(|field| fields[*field].parse::<u64>().unwrap()).sum()
+            fields[field].parse().unwrap()
         };
         Sample {
             at: Instant::now(),
             allocations: self.threads.map(allocations),
-            page_faults: self.threads.map(page_faults),
+            minor_faults: self.threads.map(|thread| faults(thread, MINOR_FAULTS)),
+            major_faults: self.threads.map(|thread| faults(thread, MAJOR_FAULTS)),
+            starved: self.starved(),
             resident_kib: self.service.kib("VmRSS:"),
-            descriptors: fs::read_dir(format!("/proc/{}/fd", self.service.child.id())).unwrap().count(),
+            descriptors: self.descriptors(),
         }
+    }
+
+    pub fn descriptors(&self) -> usize {
+        fs::read_dir(format!("/proc/{}/fd", self.service.child.id())).unwrap().count()
+    }
+
+    /// The kernel tells how long a thread ran and how long it waited for a processor, in nanoseconds.
+    fn starved(&self) -> Duration {
+        let times = self.service.proc(&format!("task/{}/schedstat", self.threads[1]));
+        Duration::from_nanos(times.split(' ').nth(1).unwrap().parse().unwrap())
     }
 
     /// Stops the service. Returns the packets that came meanwhile, and the log.
     pub fn stop(self) -> (Vec<Arrival>, String) {
         let log = self.service.stopped();
-        thread::sleep(Duration::from_millis(300));
-        let rest = std::mem::take(&mut *self.arrivals.lock().unwrap());
-        (rest, log)
+        (arrivals(&self.receiver), log)
+    }
+}
+
+/// Takes the packets that have come.
+fn arrivals(receiver: &Receiver) -> Vec<Arrival> {
+    let mut arrivals = Vec::new();
+    let mut bytes = [0; PACKET_BYTES];
+    let mut control = cmsg_space!(TimeSpec);
+    loop {
+        let mut parts = [IoSliceMut::new(&mut bytes)];
+        let descriptor = receiver.0.as_raw_fd();
+        let message = match recvmsg::<()>(descriptor, &mut parts, Some(&mut control), MsgFlags::MSG_DONTWAIT) {
+            Ok(message) => message,
+            Err(Errno::EAGAIN) => return arrivals,
+            Err(error) => panic!("{error}"),
+        };
+        let stamp = message.cmsgs().unwrap().find_map(|message| match message {
+            ControlMessageOwned::ScmTimestampns(stamp) => Some(Duration::from(stamp)),
+            _ => None,
+        });
+        arrivals.push((stamp.unwrap(), Packet::decode(&bytes).unwrap()));
     }
 }

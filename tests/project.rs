@@ -265,18 +265,56 @@ fn a_step_that_fails_ends_the_run_without_a_verdict() {
     }
 }
 
-/// Set for the run of the next test that skips itself.
+/// Makes the next test skip itself for this reason.
 const SKIPS: &str = "FACEWIRE_TEST_SKIPS";
+/// The beginning of a reason that `tests/skips-allowed` allows.
+const ALLOWED: &str = "no folder of reference clips";
 
 #[test]
-fn a_test_that_skips_itself_is_listed_by_its_name() {
-    if std::env::var_os(SKIPS).is_some() {
-        return common::skip("this machine lacks\nsomething\n");
+fn a_test_that_skips_itself_is_listed_by_its_name_and_fails_under_ci_unless_that_is_allowed() {
+    let name = "a_test_that_skips_itself_is_listed_by_its_name_and_fails_under_ci_unless_that_is_allowed";
+    if let Ok(why) = std::env::var(SKIPS) {
+        return common::skip(&why);
     }
-    let (_alone, list) = (alone(), tempfile::NamedTempFile::new().unwrap());
-    let mut this = Command::new(std::env::current_exe().unwrap());
-    this.args(["--exact", "a_test_that_skips_itself_is_listed_by_its_name", "--test-threads", "2"]);
-    Run::of(this.env(SKIPS, "1").env("FACEWIRE_SKIPPED", list.path())).succeeded();
-    let want = "project a_test_that_skips_itself_is_listed_by_its_name: this machine lacks something\n";
-    assert_eq!(fs::read_to_string(list.path()).unwrap(), want);
+    let _alone = alone();
+    for (why, ci, status) in [
+        ("this machine lacks\nsomething\n", "", 0),
+        ("this machine lacks\nsomething\n", "true", 101),
+        (ALLOWED, "true", 0),
+    ] {
+        let list = tempfile::NamedTempFile::new().unwrap();
+        let mut this = Command::new(std::env::current_exe().unwrap());
+        this.args(["--exact", name, "--test-threads", "2"]).env(SKIPS, why).env("CI", ci);
+        let ended = this.env("FACEWIRE_SKIPPED", list.path()).output().unwrap();
+        assert_eq!(ended.status.code(), Some(status), "{why}, CI={ci}: {ended:?}");
+        let want = format!("project {name}: {}\n", why.trim_end().replace('\n', " "));
+        assert_eq!(fs::read_to_string(list.path()).unwrap(), want);
+    }
+}
+
+#[test]
+fn every_line_of_what_may_be_skipped_has_a_beginning_and_a_reason() {
+    let allowed = fs::read_to_string(project("tests/skips-allowed")).unwrap();
+    for line in allowed.lines().filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        let (beginning, reason) = line.rsplit_once(": ").unwrap_or_else(|| panic!("no reason: {line}"));
+        assert!(beginning.len() > 3 && reason.len() > 3, "{line}");
+    }
+}
+
+#[test]
+fn what_a_script_skips_is_listed_and_fails_under_ci_unless_that_is_allowed() {
+    let _alone = alone();
+    for (line, ci, status) in [
+        ("a step: there is no compiler", "", 0),
+        ("a step: there is no compiler", "true", 1),
+        (ALLOWED, "true", 0),
+        (&format!("a step: {ALLOWED}; get it"), "true", 0),
+    ] {
+        let list = tempfile::NamedTempFile::new().unwrap();
+        let mut skip = Command::new(project("scripts/skip"));
+        let run = Run::of(skip.arg(line).env("CI", ci).env("FACEWIRE_SKIPPED", list.path()));
+        assert_eq!(run.status, Some(status), "{line}, CI={ci}: {run:?}");
+        assert_eq!(fs::read_to_string(list.path()).unwrap(), format!("{line}\n"));
+        assert!(run.err.contains(line), "{run:?}");
+    }
 }

@@ -7,16 +7,31 @@ use std::io::{Write as _, stderr};
 
 /// Names the file that collects skipped tests, one line each. `scripts/test` sets it and prints the file at its end.
 const LIST: &str = "FACEWIRE_SKIPPED";
+/// Where this is "true", a test fails in place of leaving itself out, unless [`ALLOWED`] allows it.
+const CI: &str = "CI";
+/// `scripts/skip` reads the same file.
+const ALLOWED: &str = include_str!("../skips-allowed");
 
 /// Notes that the calling test did not run, and why: on standard error, and in the list of skipped tests.
 ///
 /// The line is written past the test harness, which shows what a test prints only if the test fails.
 pub fn skip(why: &str) {
-    let line = format!("{}: {}\n", this_test(), why.trim_end().replace('\n', " "));
+    let why = why.trim_end().replace('\n', " ");
+    let line = format!("{}: {why}\n", this_test());
     stderr().write_all(format!("skipped {line}").as_bytes()).unwrap();
     if let Some(list) = std::env::var_os(LIST) {
         OpenOptions::new().append(true).create(true).open(list).unwrap().write_all(line.as_bytes()).unwrap();
     }
+    let is_ci = std::env::var_os(CI).is_some_and(|value| value == "true");
+    assert!(
+        !is_ci || [&line, &why].iter().any(|text| is_allowed(text)),
+        "tests/skips-allowed does not allow this: {line}"
+    );
+}
+
+fn is_allowed(text: &str) -> bool {
+    let lines = ALLOWED.lines().filter(|line| !line.starts_with('#'));
+    lines.filter_map(|line| line.rsplit_once(": ")).any(|(beginning, _)| text.starts_with(beginning))
 }
 
 /// The program of this test and the test's name, which the harness gives to the thread that runs the test.

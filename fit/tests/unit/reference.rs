@@ -15,7 +15,7 @@ pub fn shared(file: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
     let path = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from).join(file);
     if !path.exists() {
-        skip(&format!("no {} (set FACEWIRE_SHARED)", path.display()));
+        skip(&format!("reference data is missing: {}; set FACEWIRE_SHARED", path.display()));
     }
     path.exists().then_some(path)
 }

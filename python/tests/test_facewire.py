@@ -280,16 +280,19 @@ class Resources(unittest.TestCase):
         shared = facewire.FaceTracker(max_faces=16)
 
         def share():
-            for _ in range(200):
+            # A busy machine may run one thread after the other for a while.
+            for _ in range(10_000):
                 try:
                     shared.process(PICTURE)
                 except RuntimeError:
                     refused.append(True)
+                if refused:
+                    break
 
         threads = [threading.Thread(target=share) for _ in range(2)]
         [thread.start() for thread in threads]
         [thread.join() for thread in threads]
-        self.assertTrue(refused, "two threads were in one tracker at the same time, or none waited")
+        self.assertTrue(refused, "two threads were in one tracker at the same time")
 
     def test_other_threads_run_while_a_picture_is_processed(self):
         tracker, counted, stop = facewire.FaceTracker(max_faces=1), [0], threading.Event()
@@ -306,7 +309,7 @@ class Resources(unittest.TestCase):
         try:
             thread.start()
             before = counted[0]
-            end = time.monotonic() + 50
+            end = time.monotonic() + 60
             while time.monotonic() < end:
                 tracker.process(PICTURE)
                 # A busy machine may not run the other thread within one picture.

@@ -128,7 +128,7 @@ impl Client {
         let mut is_connected = false;
         let mut looks = ticks(LOOK);
         let stream_hz = u32::from(self.settings.stream_hz);
-        let mut frames = ticks(Duration::from_secs(1) / stream_hz.max(1));
+        let mut frames = ticks(stream_period(stream_hz));
         loop {
             select! {
                 news = news.recv() => match news {
@@ -148,7 +148,7 @@ impl Client {
                 _ = frames.tick(), if is_connected && stream_hz > 0 => publisher.stream(shared, &client, Instant::now()),
                 _ = stopped.changed() => {
                     if is_connected {
-                        let _ = time::timeout(FAREWELL, self.farewell(&client, &mut news)).await;
+                        self.farewell(&client, &mut news).await;
                     }
                     return None;
                 }
@@ -156,14 +156,17 @@ impl Client {
         }
     }
 
-    /// Says that the bridge is offline, which the broker would not say after an orderly end.
+    /// Says that the bridge is offline, which the broker would not say after an orderly end. Waits for [`FAREWELL`] at most.
     async fn farewell(&self, client: &AsyncClient, news: &mut mpsc::Receiver<News>) {
         let topic = topics::bridge_availability(&self.namespace);
-        if client.publish(topic, QoS::AtLeastOnce, true, topics::OFFLINE).await.is_ok() {
-            while !matches!(news.recv().await, Some(News::Acknowledged | News::Lost(_)) | None) {}
-            let _ = client.disconnect().await;
-            while !matches!(news.recv().await, Some(News::Lost(_)) | None) {}
-        }
+        let said = async {
+            if client.publish(topic, QoS::AtLeastOnce, true, topics::OFFLINE).await.is_ok() {
+                while !matches!(news.recv().await, Some(News::Acknowledged | News::Lost(_)) | None) {}
+                let _ = client.disconnect().await;
+                while !matches!(news.recv().await, Some(News::Lost(_)) | None) {}
+            }
+        };
+        let _ = time::timeout(FAREWELL, said).await;
     }
 }
 
@@ -198,6 +201,11 @@ async fn drive(mut events: EventLoop, news: mpsc::Sender<News>) {
     }
 }
 
+fn stream_period(stream_hz: u32) -> Duration {
+    Duration::from_secs(1) / stream_hz.max(1)
+}
+
+/// Ticks at once and then in each period. A tick that comes late moves all later ones.
 fn ticks(period: Duration) -> time::Interval {
     let mut ticks = time::interval(period);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -212,5 +220,42 @@ fn remedy(error: &ConnectionError) -> &'static str {
         ) => "check the user in --mqtt USER@HOST and the password",
         ConnectionError::Tls(_) => "check the host name and --mqtt-ca",
         _ => "check its address, that it runs, and the firewall",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The clock goes to the next tick whenever nothing else is to be done.
+    #[tokio::test(start_paused = true)]
+    async fn the_stream_has_the_rate_that_was_asked_for_and_never_catches_up() {
+        for stream_hz in [1, 10, 60] {
+            let mut frames = ticks(stream_period(stream_hz));
+            frames.tick().await;
+            let begun = time::Instant::now();
+            for _ in 0..stream_hz {
+                frames.tick().await;
+            }
+            let took_s = begun.elapsed().as_secs_f64();
+            assert!((took_s - 1.0).abs() < 0.07, "{stream_hz} frames in {took_s} s");
+            time::advance(Duration::from_secs(5)).await;
+            frames.tick().await;
+            let late = time::Instant::now();
+            frames.tick().await;
+            assert!(late.elapsed() >= stream_period(stream_hz), "{:?}", late.elapsed());
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_broker_that_acknowledges_nothing_delays_the_end_by_a_second() {
+        let settings = Mqtt { broker: "127.0.0.1".to_owned(), ..Mqtt::default() };
+        let client = Client::new(&settings, "facewire").unwrap();
+        // Nobody drives this connection.
+        let (connection, _events) = AsyncClient::new(client.options.clone(), QUEUE);
+        let (_sender, mut news) = mpsc::channel(16);
+        let begun = time::Instant::now();
+        client.farewell(&connection, &mut news).await;
+        assert_eq!(begun.elapsed().as_secs(), 1);
     }
 }

@@ -3,21 +3,30 @@
 
 mod common;
 
-use std::{
-    process,
-    sync::atomic::{AtomicU32, Ordering},
-    time::Duration,
-};
+use std::{env, fs::File, time::Duration};
 
 use common::{Board, Bridge, Program, SETUP, listener, python, sending};
 use facewire_packet::BLENDSHAPES;
 use serde_json::Value;
 
-/// A domain of this test's own, whether it shares a process with others or not.
-fn domain() -> String {
-    static TESTS: AtomicU32 = AtomicU32::new(0);
-    // The ports of higher domains are those that the system gives to anybody.
-    (1 + process::id().wrapping_add(TESTS.fetch_add(1, Ordering::Relaxed)) % 100).to_string()
+/// A domain that no other test uses at the same time, in this process or in another: each has a file that its test locks.
+struct Domain {
+    number: String,
+    _lock: File,
+}
+
+impl Domain {
+    fn new() -> Self {
+        // The ports of higher domains are those that the system gives to anybody.
+        let taken = (1..=100).find_map(|number| {
+            let path = env::temp_dir().join(format!("facewire-ros-domain-{number}"));
+            // That of another user cannot be opened.
+            let lock = File::options().append(true).create(true).open(path).ok()?;
+            lock.try_lock().ok()?;
+            Some(Self { number: number.to_string(), _lock: lock })
+        });
+        taken.unwrap()
+    }
 }
 
 /// Waits for a sample that this accepts.
@@ -31,13 +40,13 @@ fn sample(listener: &mut Program, what: &str, accepts: impl Fn(&Value) -> bool) 
 /// A bridge with one board, left, and what Python needs to listen.
 fn with_left(arguments: &[&str]) -> Option<(impl Fn(&str, &str) -> Program + use<>, Bridge, Board)> {
     let python = python("cyclonedds", SETUP)?;
-    let domain = domain();
-    let ros = ["--ros", "--ros-domain", &domain, "--board", "left=127.0.1.1"];
+    let domain = Domain::new();
+    let ros = ["--ros", "--ros-domain", &domain.number, "--board", "left=127.0.1.1"];
     let bridge = Bridge::start(&[&ros, arguments].concat());
     let mut left = bridge.board(1);
     left.set("jawOpen", 0.25);
     left.packet.position_mm = [100.0, -50.0, 600.0];
-    let listen = move |kind: &str, topic: &str| listener(&python, &["dds", &domain, kind, topic]);
+    let listen = move |kind: &str, topic: &str| listener(&python, &["dds", &domain.number, kind, topic]);
     Some((listen, bridge, left))
 }
 
@@ -52,7 +61,6 @@ fn cyclonedds_reads_the_coefficients_by_arkits_names_and_in_silence_they_go_to_n
     assert_eq!(joints["position"].as_array().unwrap().len(), 52);
     assert_eq!(joints["header"]["frame_id"], "left_camera_optical_frame");
     drop(guard);
-    sample(&mut blendshapes, "a jaw on its way", |joints| (0.01..0.24).contains(&jaw(joints)));
     sample(&mut blendshapes, "a closed jaw", |joints| jaw(joints) == 0.0);
     blendshapes.seen.clear();
     blendshapes.read_for(Duration::from_millis(500));

@@ -253,3 +253,26 @@ fn discovery(namespace: &str, name: &str) -> (Retained, String) {
     });
     (Retained::new(format!("{HOME_ASSISTANT}/device/{id}/config")), payload.to_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use rumqttc::MqttOptions;
+
+    use super::*;
+
+    /// The only place in the queue is taken, so that whatever is to be sent finds no room.
+    #[test]
+    fn a_payload_is_sent_once_and_another_half_a_second_later_or_ten_seconds_of_health() {
+        for (topic, at_least_ms) in [("facewire/left/smile", 500), ("facewire/left/health", 10_000)] {
+            let (client, _events) = AsyncClient::new(MqttOptions::new("test", "localhost", 1883), 1);
+            let mut retained = Retained::new(topic.to_owned());
+            let begin = Instant::now();
+            let mut is_sent =
+                |payload: &str, ms: u64| retained.offer(payload, begin + Duration::from_millis(ms), &client);
+            assert!(!is_sent("ON", 0), "there is room for the first");
+            assert!(!is_sent("ON", 3_600_000), "it has not changed");
+            assert!(!is_sent("OFF", at_least_ms - 1), "it is too early");
+            assert!(is_sent("OFF", at_least_ms), "{topic}");
+        }
+    }
+}

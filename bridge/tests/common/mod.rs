@@ -1,13 +1,15 @@
 //! The bridge, simulated boards, and a broker.
 #![allow(dead_code, reason = "each file of tests uses a part")]
 
+#[path = "../../../tests/common/ports.rs"]
+pub mod ports;
 #[path = "../../../tests/common/skip.rs"]
 pub mod skip;
 
 use std::{
     fs,
     io::{BufRead as _, BufReader, Read},
-    net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket},
+    net::{Ipv4Addr, SocketAddr, TcpStream, UdpSocket},
     path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
     sync::{
@@ -22,10 +24,20 @@ use std::{
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use serde_json::Value;
 
+use self::ports::{HeldPort, udp_port_of};
+
 /// How to get what tests need.
 pub const SETUP: &str = "run scripts/setup tests";
 /// How long something may take on a busy machine.
-pub const PATIENCE: Duration = Duration::from_secs(40);
+pub const PATIENCE: Duration = Duration::from_mins(1);
+
+pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !happens() {
+        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
+        thread::sleep(Duration::from_millis(2));
+    }
+}
 
 /// A program whose lines of output are kept, and which ends with its test.
 pub struct Program {
@@ -105,22 +117,25 @@ impl Drop for Program {
     }
 }
 
-/// The bridge, at a port of its own.
+/// The bridge, at a port that the system chooses.
 pub struct Bridge {
     pub program: Program,
-    pub port: u16,
 }
 
 impl Bridge {
     pub fn start(arguments: &[&str]) -> Self {
-        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let mut command = Command::new(env!("CARGO_BIN_EXE_facewire-bridge"));
-        command.args(["--udp", &format!("127.0.0.1:{port}")]).args(arguments);
-        Self { program: Program::start(&mut command), port }
+        command.args(["--udp", "127.0.0.1:0"]).args(arguments);
+        Self { program: Program::start(&mut command) }
+    }
+
+    /// The port at which the bridge receives, once it does.
+    pub fn port(&self) -> u16 {
+        udp_port_of(self.program.child.id())
     }
 
     pub fn board(&self, last: u8) -> Board {
-        Board::new(last, self.port)
+        Board::new(last, self.port())
     }
 }
 
@@ -148,7 +163,7 @@ impl Board {
     }
 
     pub fn send_bytes(&self, bytes: &[u8]) {
-        // Before the bridge listens, the system reports that nobody does.
+        // Once the bridge has ended, the system reports that nobody listens.
         let _ = self.socket.send_to(bytes, self.to);
     }
 }
@@ -180,7 +195,7 @@ impl Drop for Sending {
 /// A broker with its files.
 pub struct Broker {
     pub folder: tempfile::TempDir,
-    pub port: u16,
+    port: HeldPort,
     program: Option<Program>,
 }
 
@@ -198,28 +213,20 @@ impl Broker {
             skip::skip("mosquitto and mosquitto-clients are not there: run scripts/setup tests");
             return None;
         }
-        let broker = Self {
-            folder: tempfile::tempdir().unwrap(),
-            port: TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port(),
-            program: None,
-        };
+        let broker = Self { folder: tempfile::tempdir().unwrap(), port: HeldPort::new(), program: None };
         broker.configure("allow_anonymous true\n");
         Some(broker)
     }
 
     pub fn configure(&self, lines: &str) {
-        let text = format!("listener {} 127.0.0.1\nuser root\n{lines}", self.port);
+        let text = format!("listener {} 127.0.0.1\nuser root\n{lines}", self.port());
         fs::write(self.folder.path().join("mosquitto.conf"), text).unwrap();
     }
 
     pub fn come(&mut self) {
         let mut command = Command::new(mosquitto().unwrap());
         self.program = Some(Program::start(command.arg("-c").arg(self.folder.path().join("mosquitto.conf"))));
-        let end = Instant::now() + PATIENCE;
-        while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
-            assert!(Instant::now() < end, "mosquitto does not listen");
-            thread::sleep(Duration::from_millis(20));
-        }
+        eventually("mosquitto", || TcpStream::connect(self.port.address()).is_ok());
     }
 
     pub fn signal(&self, name: &str) {
@@ -230,15 +237,19 @@ impl Broker {
         self.program = None;
     }
 
+    pub fn port(&self) -> u16 {
+        self.port.address().port()
+    }
+
     pub fn address(&self) -> String {
-        format!("127.0.0.1:{}", self.port)
+        self.port.address().to_string()
     }
 
     /// Subscribes to topics with mosquitto's own client, and waits until it has done so.
     pub fn subscribe(&self, topic: &str) -> Program {
         // Into a pipe it writes whole blocks otherwise.
         let mut command = Command::new("stdbuf");
-        command.args(["-oL", "mosquitto_sub", "-h", "127.0.0.1", "-p", &self.port.to_string(), "-t", topic]);
+        command.args(["-oL", "mosquitto_sub", "-h", "127.0.0.1", "-p", &self.port().to_string(), "-t", topic]);
         command.args(["-F", "%r %t %p", "-d"]);
         let mut program = Program::start(&mut command);
         program.wait_for_text("received SUBACK");
@@ -247,7 +258,7 @@ impl Broker {
 
     pub fn publish(&self, topic: &str, payload: &str, options: &[&str]) {
         let mut command = Command::new("mosquitto_pub");
-        command.args(["-h", "127.0.0.1", "-p", &self.port.to_string(), "-t", topic, "-m", payload]).args(options);
+        command.args(["-h", "127.0.0.1", "-p", &self.port().to_string(), "-t", topic, "-m", payload]).args(options);
         assert!(command.status().unwrap().success());
     }
 }
@@ -263,10 +274,15 @@ impl Program {
     /// Waits for a message to a topic, whose payload this accepts. The lines are those of [`Broker::subscribe`].
     pub fn wait_for_message(&mut self, topic: &str, accepts: impl Fn(&str) -> bool) -> String {
         self.wait_for(topic, |line| {
-            let (_, rest) = line.split_once(' ')?;
-            let (found, payload) = rest.split_once(' ')?;
+            let (found, payload) = message(line)?;
             (found == topic && accepts(payload)).then(|| payload.to_owned())
         })
+    }
+
+    /// The payloads that have come to a topic so far.
+    pub fn payloads(&self, topic: &str) -> Vec<&str> {
+        let messages = self.seen.iter().filter_map(|line| message(line));
+        messages.filter(|(found, _)| *found == topic).map(|(_, payload)| payload).collect()
     }
 
     pub fn wait_for_json(&mut self, topic: &str, accepts: impl Fn(&Value) -> bool) -> Value {
@@ -274,6 +290,12 @@ impl Program {
         let payload = self.wait_for_message(topic, |payload| parsed(payload).is_some_and(|value| accepts(&value)));
         serde_json::from_str(&payload).unwrap()
     }
+}
+
+/// The topic and the payload of a line of [`Broker::subscribe`]. Other lines have topics that nobody asks for.
+fn message(line: &str) -> Option<(&str, &str)> {
+    let (_retained, rest) = line.split_once(' ')?;
+    rest.split_once(' ')
 }
 
 /// The Python of `scripts/setup`, if it has these libraries of other implementations.

@@ -83,7 +83,7 @@ async function check(text, edited = draft.values) {
 export const isChanged = () => draft.text !== draft.kept;
 
 export const keep = () => after(() => replace("settings/keep", { text: draft.text, base: draft.base }));
-export const restore = (id) => replace("settings/restore", { id });
+export const restore = (id) => after(() => replace("settings/restore", { id }));
 
 // What the service says is shown for a while, since what was pressed is gone then.
 async function replace(path, body) {
@@ -109,10 +109,11 @@ export async function restoreLast() {
   throw new Error("No earlier settings without a fault were kept. Mend the faults beside their lines instead.");
 }
 
-export function discard() {
-  set({ text: draft.kept, faults: [], changed: [] });
-  return reload();
-}
+export const discard = () =>
+  after(() => {
+    set({ text: draft.kept, faults: [], changed: [] });
+    return reload();
+  });
 
 // Shows that there are changes which are not kept, on every page.
 export function DraftBar() {

@@ -90,7 +90,7 @@ function LogLines() {
   useEvery(HISTORY_PERIOD_MS, reload);
   if (trouble) return html`<${Trouble}>${trouble}<//>`;
   const lines = answer?.lines.filter(({ level }) => LEVELS.indexOf(level) >= LEVELS.indexOf(least));
-  return html`<label>Show<select value=${least} onChange=${(event) => setLeast(event.target.value)}>
+  return html`<label>Show<select value=${least} onInput=${(event) => setLeast(event.target.value)}>
       <option value="debug">everything</option><option value="info">all but details</option>
       <option value="warning">warnings and errors</option><option value="error">errors</option></select></label>
     ${lines?.length === 0 && html`<p>The log has no such line.</p>`}

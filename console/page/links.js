@@ -3,10 +3,13 @@
 import { Action, sentences, time, Trouble } from "./common.js";
 import { change, Difference, draft, restore, setText, useDraft } from "./draft.js";
 import { Fields, isField, ordered } from "./fields.js";
+import { Refusal, useHand } from "./hand.js";
 import { BOARDS } from "./servos.js";
 import { get, loadSession, mayOperate, post, useStore } from "./store.js";
-import { html, useEffect, useRef, useState } from "./vendor/preact.js";
+import { html, useRef, useState } from "./vendor/preact.js";
 
+// How long nobody types before a text is judged.
+const PAUSE_MS = 400;
 const VIEWS = [
   ["form", "Form"],
   ["text", "Text"],
@@ -114,7 +117,7 @@ function Form() {
     )}
     <div class="panel row">
       <label class="grow">A new link<select value=${kind} disabled=${!mayOperate()}
-        onChange=${(event) => setKind(event.target.value)}>
+        onInput=${(event) => setKind(event.target.value)}>
         ${kindsOf(schema).map((name) => html`<option key=${name} value=${name}>${name}</option>`)}</select></label>
       <${Action} run=${() => change({ [`link.${links.length}.kind`]: kind })}>Add<//>
     </div>
@@ -134,23 +137,19 @@ function Form() {
 
 // The file's own text. A fault stands beside its line.
 function Text() {
-  const [text, set] = useState(draft.text);
-  const [trouble, setTrouble] = useState();
+  const hand = useHand(setText);
   const area = useRef();
   const gutter = useRef();
   const timer = useRef();
-  useEffect(() => set(draft.text), [draft.text]);
-  const put = (next) => {
-    set(next);
+  const text = hand.held ?? draft.text;
+  const finish = () => {
     clearTimeout(timer.current);
-    timer.current = setTimeout(
-      () =>
-        setText(next).then(
-          () => setTrouble(),
-          (error) => setTrouble(error.message),
-        ),
-      400,
-    );
+    if (hand.held !== undefined && hand.held !== hand.sent) hand.keep(hand.held);
+  };
+  const type = ({ target }) => {
+    hand.hold(target.value);
+    clearTimeout(timer.current);
+    timer.current = setTimeout(finish, PAUSE_MS);
   };
   const lines = text.split("\n");
   const faulty = new Map(draft.faults.filter(({ line }) => line).map(({ line, text: why }) => [line, why]));
@@ -174,10 +173,10 @@ function Text() {
         class=${faulty.has(index + 1) ? "bad" : ""}>${index + 1}${"\n"}</span>`)}</pre>
       <textarea ref=${area} aria-label="Text of the settings" wrap="off" spellcheck="false" autocapitalize="none"
         readonly=${!mayOperate()} value=${text}
-        onInput=${(event) => put(event.target.value)}
+        onInput=${type} onBlur=${finish}
           onScroll=${(event) => (gutter.current.scrollTop = event.target.scrollTop)}></textarea>
     </div>
-    ${trouble && html`<${Trouble}>${trouble}<//>`}`;
+    <${Refusal} hand=${hand} />`;
 }
 
 function Versions() {

@@ -29,7 +29,7 @@ export function Picture({ hidesControls }) {
       !hidesControls &&
       (isAllowed
         ? html`<label class="check"><input type="checkbox" checked=${wantsBlack}
-        onChange=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>`
+        onInput=${(event) => setBlack(event.target.checked)} />Landmarks on black</label>`
         : html`<div class="row spread"><span class="dim">Landmarks do for everything but aiming. The settings keep the picture itself in the service.</span>
       <${Action} run=${allow}>Allow the picture<//></div>`)
     }

@@ -2,6 +2,7 @@
 
 import { GROUPS } from "./bars.js";
 import { wait } from "./drive.js";
+import { Slider } from "./hand.js";
 import { store } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
@@ -75,8 +76,7 @@ export function Puppet({ drive, boards }) {
     least,
     set,
   ) => html`<label key=${label} class="slider">${label} <output>${value.toFixed(most > 1 ? 0 : 2)}</output>
-    <input type="range" min=${least} max=${most} step=${most > 1 ? 1 : 0.01} value=${value} disabled=${isOff}
-      onInput=${(event) => set(Number(event.target.value))} /></label>`;
+    <${Slider} min=${least} max=${most} step=${most > 1 ? 1 : 0.01} value=${value} disabled=${isOff} move=${set} /></label>`;
   return html`<section class="panel" id="puppet" aria-label="Puppet">
     <h3>Puppet</h3>
     <p class="dim">${drive.isArmed ? "The puppet takes the face's place for all receivers until you disarm." : "Arm to move the whole face by hand."}</p>

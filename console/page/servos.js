@@ -5,6 +5,7 @@ import { change, draft, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
 import { Puppet } from "./puppet.js";
+import { Choice, Entry, Slider } from "./hand.js";
 import { get, hasService, mayOperate, store, update, useStore } from "./store.js";
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 
@@ -153,17 +154,16 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
   const pulse = at(position);
   const place = (pulse - settings[end0]) / (settings[end1] - settings[end0] || 1);
   const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
-  const move = (event) => {
-    setJog(Number(event.target.value));
-    drive.move({ link, channel: number, position: Number(event.target.value) });
+  const move = (part) => {
+    setJog(part);
+    drive.move({ link, channel: number, position: part });
   };
   useEffect(() => {
     if (!drive.isArmed) setJog(undefined);
   }, [drive.isArmed]);
   return html`<article class="panel channel" aria-label=${title}>
     <h4>${title} <span class="dim">${names.join(" + ") || "follows nothing"}</span></h4>
-    <input type="range" min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live}
-      onInput=${move}
+    <${Slider} min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live} move=${move}
       aria-label=${`Move ${name}`}
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
     <${Progress} target=${live?.target} position=${live?.position} />
@@ -195,10 +195,10 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
           max="1000" step="0.1" set=${(value) => set("acceleration_per_s2", value)} />
         <${Number1} label="Dead zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005"
           set=${(value) => set("dead_zone", value)} />
-        <${Choice} label="Without a face" value=${settings.loss} set=${(value) => set("loss", value)}
-          choices=${[["neutral", "stay at rest"], ["release", released]]} />
-        ${isDmx(board) && html`<${Choice} label="Value in the universe" value=${settings.dmx}
-          set=${(value) => set("dmx", value)} choices=${FORMS} />`}
+        <label>Without a face<${Choice} value=${settings.loss} keep=${(value) => set("loss", value)}
+          choices=${[["neutral", "stay at rest"], ["release", released]]} /></label>
+        ${isDmx(board) && html`<label>Value in the universe<${Choice} value=${settings.dmx}
+          keep=${(value) => set("dmx", value)} choices=${FORMS} /></label>`}
       </div>
       <p class="dim">A wider end is typed here, and only then can the slider reach it. Move in small steps, and stop before the mechanism binds.</p>
       <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
@@ -213,28 +213,14 @@ function Progress({ target, position }) {
     <b style=${{ left: `${100 * (target ?? 0)}%` }}></b></div>`;
 }
 
-export function Number1({ label, value, set, ...bounds }) {
-  const [trouble, setTrouble] = useState();
-  const put = (event) => {
-    if (event.target.value === "" || !event.target.reportValidity()) return;
-    set(Number(event.target.value)).then(
-      () => setTrouble(),
-      (error) => setTrouble(error.message),
-    );
-  };
-  return html`<label>${label}<input type="number" inputmode="decimal" value=${value} ...${bounds}
-    disabled=${!mayOperate()} onChange=${put} />
-    ${trouble && html`<span class="trouble" role="alert">${trouble}</span>`}</label>`;
-}
-
-const Choice = ({ label, value, set, choices }) => html`<label>${label}
-  <select value=${value} disabled=${!mayOperate()} onChange=${(event) => set(event.target.value)}>
-    ${choices.map(([choice, words]) => html`<option key=${choice} value=${choice}>${words}</option>`)}</select></label>`;
+const Number1 = ({ label, set, ...rest }) => html`<label>${label}<${Entry} type="number" inputmode="decimal"
+  keep=${set} ...${rest} /></label>`;
 
 // What a channel follows: a factor for each source, and an offset.
 function Sources({ settings, name, set, path }) {
   const { sources, offset } = settings;
   const [found, setFound] = useState();
+  const [chosen, setChosen] = useState("");
   const choose = (source) => {
     const isHead = HEAD_SOURCES.includes(source);
     return change({
@@ -260,12 +246,13 @@ function Sources({ settings, name, set, path }) {
       set=${(value) => set("offset", value)} />`}
     <div class="row">
       <label class="grow">Add from the list
-        <select disabled=${!mayOperate()} value=""
-          onChange=${(event) => event.target.value && choose(event.target.value)}>
+        <select disabled=${!mayOperate()} value=${chosen} onInput=${(event) => setChosen(event.target.value)}>
           <option value="">choose …</option>${names.map((source) => html`<option key=${source}
             value=${source}>${source}</option>`)}
         </select>
       </label>
+      <${Action} disabled=${chosen === ""} run=${() => choose(chosen).then(() => setChosen(""))}
+        label=${`Add ${chosen || "a source"} to ${name}`}>Add<//>
       <${Action} run=${find} label=${`Learn it for ${name}`}>Learn it<//>
     </div>
     <p role="status" class="dim">${

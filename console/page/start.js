@@ -2,6 +2,7 @@
 
 import { Action, sentences, Trouble, useAnswer } from "./common.js";
 import { change, draft, isChanged, useDraft } from "./draft.js";
+import { Refusal, useHand } from "./hand.js";
 import { impairments } from "./impaired.js";
 import { Picture } from "./picture.js";
 import { BOARDS } from "./servos.js";
@@ -45,7 +46,9 @@ export function Start() {
 
 function Camera() {
   const [devices, trouble, reload] = useAnswer("devices");
-  const chosen = draft.values.camera?.device ?? "auto";
+  const kept = draft.values.camera?.device ?? "auto";
+  const hand = useHand((path) => change({ "camera.device": path }));
+  const chosen = hand.held ?? kept;
   // A stable path means the same camera after the next start, too.
   const cameras = (devices?.cameras ?? []).map(({ path, stable_paths: [stable], name, modes }) => ({
     path: stable ?? path,
@@ -53,7 +56,7 @@ function Camera() {
     modes,
   }));
   const choices = [{ path: "auto", name: "The first camera that works" }, ...cameras];
-  if (!choices.some(({ path }) => path === chosen)) choices.push({ path: chosen, name: "As the settings say" });
+  if (!choices.some(({ path }) => path === kept)) choices.push({ path: kept, name: "As the settings say" });
   return html`<div class="panel">
     <h3>Which camera?</h3>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
@@ -64,11 +67,12 @@ function Camera() {
       ${choices.map(
         ({ path, name, modes }) => html`<label class="choice" key=${path}>
         <input type="radio" name="camera" checked=${chosen === path}
-          onChange=${() => change({ "camera.device": path })} />
+          onInput=${() => hand.keep(path)} />
         <span>${name}${path !== "auto" ? html`<small class="dim">${path}</small>` : ""}${modes ? html`<small
           class="dim">${modes.slice(0, MOST_MODES).join(", ")}${modes.length > MOST_MODES ? " …" : ""}</small>` : ""}</span></label>`,
       )}
     </fieldset>
+    <${Refusal} hand=${hand} />
     <${Action} needsRole=${false} run=${reload}>Look again<//>
     <h3>What it sees</h3>
     <${Picture} />

@@ -127,3 +127,60 @@ async fn drive(mut connection: Connection, mut lines: mpsc::Receiver<Drive>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use facewire_packet::control::{Drive, Request};
+    use tokio::{
+        io::{AsyncBufReadExt as _, BufReader},
+        net::UnixListener,
+        sync::mpsc,
+        time::{Instant, sleep},
+    };
+
+    use super::{MOST_LINES, WATCHDOG, drive};
+    use crate::control::Control;
+
+    /// The clock goes on only when everybody waits for it.
+    #[tokio::test(start_paused = true)]
+    async fn a_drive_goes_on_while_lines_come_and_ends_400_ms_after_the_last_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control");
+        let listener = UnixListener::bind(&path).unwrap();
+        let connection = Control::new(Some(&path)).open(&Request::Drive {}).await.unwrap();
+        let (service, _) = listener.accept().await.unwrap();
+        let (lines, waiting) = mpsc::channel(MOST_LINES);
+        let begun = Instant::now();
+        let driving = tokio::spawn(async move {
+            drive(connection, waiting).await;
+            begun.elapsed()
+        });
+        let almost = WATCHDOG - Duration::from_millis(1);
+        for _ in 0..8 {
+            sleep(almost).await;
+            lines.send(Drive::Alive {}).await.unwrap();
+        }
+        assert_eq!(driving.await.unwrap(), 8 * almost + Duration::from_millis(400));
+        let mut passed_on = BufReader::new(service).lines();
+        let mut count = 0;
+        while passed_on.next_line().await.unwrap().is_some() {
+            count += 1;
+        }
+        assert_eq!(count, 1 + 8, "the request and its lines");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_drive_ends_at_once_when_its_operator_lets_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control");
+        let _listener = UnixListener::bind(&path).unwrap();
+        let connection = Control::new(Some(&path)).open(&Request::Drive {}).await.unwrap();
+        let (lines, waiting) = mpsc::channel(MOST_LINES);
+        drop(lines);
+        let begun = Instant::now();
+        drive(connection, waiting).await;
+        assert_eq!(begun.elapsed(), Duration::ZERO);
+    }
+}

@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::browser::Browser;
+use common::browser::{Browser, element, labelled};
 
 /// The machine is emulated, and 10 to 20 times slower than this one.
 const PATIENCE: Duration = Duration::from_mins(5);
@@ -72,7 +72,7 @@ impl Guest {
 }
 
 fn go_to(browser: &mut Browser, page: &str, text: &str) {
-    browser.value(&format!("location.hash = '{page}'"));
+    browser.turn_to(page);
     browser.wait_for_text(text);
 }
 
@@ -85,9 +85,8 @@ fn keep(browser: &mut Browser) {
 
 fn log_in(browser: &mut Browser, url: &str) {
     browser.open(url);
-    browser.set("input[name=password]", PASSWORD);
-    browser.wait_until("document.querySelector('form button.primary:enabled')");
-    browser.value("document.querySelector('form').requestSubmit()");
+    browser.fill(&element("input[name=password]"), PASSWORD);
+    browser.press("Enter");
     browser.wait_until("document.querySelector('nav')");
 }
 
@@ -97,11 +96,7 @@ fn jog_to_its_end(browser: &mut Browser, guest: &Guest, end_us: u32) {
     let end = Instant::now() + PATIENCE;
     while guest.pulses_us()[0] != Some(end_us) {
         assert!(Instant::now() < end, "waited in vain for the jaw at its end");
-        if browser.value("document.body.innerText.includes('Armed.')") == true {
-            browser.set("article[aria-label=\"Channel 0\"] input[type=range]", "1");
-        } else {
-            browser.click("Arm");
-        }
+        browser.drive(&element("[aria-label='Channel 0'] input[type=range]"), 1.0);
         thread::sleep(Duration::from_millis(500));
     }
 }
@@ -109,7 +104,7 @@ fn jog_to_its_end(browser: &mut Browser, guest: &Guest, end_us: u32) {
 /// Takes each pose that the page asks for, until the profile is made.
 fn calibrate(browser: &mut Browser, guest: &Guest) {
     go_to(browser, "wearer", "Name of the wearer");
-    browser.set("input[autocapitalize=none]", "anna");
+    browser.fill(&labelled("#page-wearer", "Name of the wearer"), "anna");
     browser.click("Begin");
     browser.wait_until("document.querySelector('.guide h3')");
     let (end, mut shown) = (Instant::now() + PATIENCE, AT_REST);
@@ -148,8 +143,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     // The camera, of those that are present.
     go_to(&mut browser, "start", "Which camera?");
     let loopback = "[...document.querySelectorAll('.choice')].find((choice) => choice.textContent.includes('/dev/'))";
-    browser.wait_until(loopback);
-    browser.value(&format!("{loopback}.querySelector('input').click()"));
+    browser.click_on(&format!("{loopback}?.querySelector('input')"));
     browser.wait_for_text("1 setting is changed");
     browser.screenshot("guest-2-camera");
     // The Maestro that is plugged in.
@@ -162,17 +156,15 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
 
     go_to(&mut browser, "servos", "Add a channel");
     for (number, (source, at_0_us, at_1_us)) in CHANNELS.into_iter().enumerate() {
-        let card = format!("article[aria-label=\"Channel {number}\"]");
+        let card = format!("[aria-label='Channel {number}']");
         browser.click("Add a channel");
-        browser.wait_until(&format!("document.querySelector('{card}')"));
-        browser.set(&format!("{card} .sources select"), source);
-        browser.wait_until(&format!("document.querySelector('{card} h4').textContent.includes('{source}')"));
+        browser.choose(&labelled(&card, "Add from the list"), source);
+        browser.click_on(&element(&format!("[aria-label='Add {source} to channel {number}']")));
+        browser.wait_until(&format!("{}.textContent.includes('{source}')", element(&format!("{card} h4"))));
+        browser.click_on(&element(&format!("{card} > details > summary")));
         for (label, pulse_us) in [("Pulse at end 0", at_0_us), ("Pulse at end 1", at_1_us)] {
-            browser.value(&format!(
-                "[...document.querySelectorAll('{card} label')].find((label) => label.textContent.startsWith('{label}')).querySelector('input').id = 'pulse'"
-            ));
-            browser.set("#pulse", &pulse_us.to_string());
-            browser.value("document.getElementById('pulse').removeAttribute('id')");
+            browser.fill(&labelled(&card, label), &pulse_us.to_string());
+            browser.press("Tab");
         }
     }
     browser.wait_until("!document.querySelector('#draft .trouble')");
@@ -197,7 +189,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.wait_until("document.querySelector('.board .state-good')");
     browser.click("Arm");
     browser.wait_for_text("Armed.");
-    browser.value("document.getElementById('stop').click()");
+    browser.click("STOP");
     browser.wait_for_text("All servos are released");
     guest.wait("servos without pulses", |guest| guest.pulses_us() == [Some(0); 4]);
     browser.wait_for_text("Arm");

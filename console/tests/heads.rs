@@ -11,11 +11,15 @@ use std::{
     path::PathBuf,
     process::{Child, Command, Stdio},
     thread,
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 use bus::Bus;
-use common::{PATIENCE, Viewer, browser::Browser, command, eventually, skip};
+use common::{
+    PATIENCE, Viewer,
+    browser::{Browser, control, element, labelled},
+    command, eventually, skip,
+};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -28,19 +32,40 @@ const SETTINGS: &str = "[camera]\ndevice = \"/dev/video99\"\n\n[[link]]\naddress
 struct Head {
     service: Child,
     browser: Browser,
+    size: (u32, u32),
     program: PathBuf,
     folder: TempDir,
     _console: Viewer,
 }
 
+/// The program of the service, which cargo has put above the folder of this test. It must be newer than what it is built from.
+fn program() -> PathBuf {
+    let program = env::current_exe().unwrap().parent().unwrap().with_file_name("facewire");
+    let newest = fs::metadata(&program).and_then(|it| it.modified()).ok();
+    // cargo lists there what the program is built from: "PROGRAM: FILE FILE", with a backslash before a space of a name.
+    let list = fs::read_to_string(program.with_extension("d")).unwrap_or_default();
+    let (_, files) = list.split_once(": ").unwrap_or_default();
+    let files = files.trim_end().replace("\\ ", "\0");
+    let modified = |file: &str| fs::metadata(file.replace('\0', " ")).and_then(|it| it.modified()).ok();
+    let is_old = |file: &str| modified(file).is_none_or(|time| Some(time) > newest);
+    let old = files.split(' ').find(|file| is_old(file));
+    assert!(
+        newest.is_some() && old.is_none(),
+        "the program {} is missing or older than {}: run cargo build --workspace",
+        program.display(),
+        old.unwrap_or("its sources")
+    );
+    program
+}
+
 impl Head {
-    /// `None`, with a note, if the browser or the service is not there.
-    fn start((width, height): (u32, u32)) -> Option<Self> {
-        let program = env::current_exe().unwrap().parent().unwrap().with_file_name("facewire");
-        if !Browser::is_installed() || !program.exists() {
-            skip("there is no chromium (scripts/setup tests installs it), or no service (cargo build -p facewire)");
+    /// `None`, with a note, if there is no browser.
+    fn start(size: (u32, u32)) -> Option<Self> {
+        if !Browser::is_installed() {
+            skip("there is no chromium; scripts/setup tests installs it");
             return None;
         }
+        let program = program();
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let config = path("facewire.toml");
@@ -55,11 +80,11 @@ impl Head {
         let (control, state) = (path("control"), path("state"));
         let arguments = ["--listen", "127.0.0.1:0", "--config", &config, "--control", &control, "--state", &state];
         let console = Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", &program));
-        let mut browser = Browser::start(width, height);
+        let mut browser = Browser::start(size.0, size.1);
         browser.open(&format!("http://{}/#links", console.host()));
         browser.wait_until("document.getElementById('stop')?.disabled === false");
         browser.wait_for_text("A new link");
-        Some(Self { service, browser, program, folder, _console: console })
+        Some(Self { service, browser, size, program, folder, _console: console })
     }
 
     /// Clicks a button that changes the draft of the settings, and waits until the page shows the new draft.
@@ -77,32 +102,38 @@ impl Head {
     /// Adds a link of this kind on the page of settings, and opens its form.
     fn add_link(&mut self, kind: &str) {
         self.browser.wait_until(&format!("document.querySelector('option[value={kind}]')"));
-        self.browser.value(&format!(
-            "(() => {{ const field = document.querySelector('option[value={kind}]').parentElement; field.value = '{kind}'; \
-             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
-        ));
-        self.browser.wait_for_picture();
+        self.browser.choose(&format!("document.querySelector('option[value={kind}]')?.parentElement"), kind);
         self.click("Add");
         self.browser.click(&format!("Link 2: {kind}"));
     }
 
     /// Sets a field of the second link.
     fn set(&mut self, key: &str, value: &str) {
-        self.browser.set(&format!("[id='field-link.1.{key}']"), value);
+        self.put(&element(&format!("[id='field-link.1.{key}']")), value);
+    }
+
+    /// Types a value into a field, or chooses it in a list.
+    fn put(&mut self, field: &str, value: &str) {
+        self.browser.wait_until(field);
+        if self.browser.value(&format!("{field}.matches('select')")) == true {
+            self.browser.choose(field, value);
+        } else {
+            self.browser.fill(field, value);
+            self.browser.press("Tab");
+        }
         self.settle();
     }
 
     /// Gives the field of a channel with this label a value.
     fn choose(&mut self, card: &str, label: &str, value: &str) {
-        let find = format!(
-            "[...document.querySelectorAll('[aria-label=\"{card}\"] label')].find((it) => it.innerText.trim().startsWith('{label}'))\
-             .querySelector('input, select')"
-        );
-        self.browser.wait_until(&find);
-        self.browser.value(&format!(
-            "(() => {{ const field = {find}; field.value = '{value}'; \
-             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
-        ));
+        self.put(&labelled(&format!("[aria-label='{card}']"), label), value);
+    }
+
+    /// Adds a source to a channel.
+    fn follow(&mut self, card: &str, source: &str) {
+        self.choose(card, "Add from the list", source);
+        let button = format!("[aria-label='Add {source} to {}']", card.to_lowercase());
+        self.browser.click_on(&element(&button));
         self.settle();
     }
 
@@ -113,30 +144,24 @@ impl Head {
         self.browser.wait_until("!document.getElementById('draft')");
     }
 
-    fn go_to(&mut self, page: &str) {
-        self.browser.value(&format!("location.hash = '{page}'"));
-        self.browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
-    }
-
-    /// Holds a slider at `position` until the servo arrives and the page shows `text`, then clicks `button`. Arms the page
-    /// again if it has disarmed because a busy machine delayed its heartbeat.
-    fn drive(&mut self, name: &str, position: &str, text: &str, button: &str, mut has_arrived: impl FnMut() -> bool) {
+    /// Drags a slider to `position`, waits until the servo arrives and the page shows `text`, and then clicks `button`. Begins
+    /// again if the page has disarmed, because a busy machine has delayed its heartbeat.
+    fn drive(&mut self, name: &str, position: f64, text: &str, button: &str, mut has_arrived: impl FnMut() -> bool) {
         let begun = Instant::now();
-        let mut step = || {
-            let come = has_arrived();
-            self.browser.value(&format!(
-                "(() => {{ const named = (text) => [...document.querySelectorAll('button:enabled')].find((it) => it.textContent === text); \
-                 named('Arm')?.click(); const slider = document.querySelector('[aria-label=\"Move {name}\"]'); \
-                 if (slider.disabled) return false; slider.value = {position}; \
-                 slider.dispatchEvent(new Event('input', {{ bubbles: true }})); \
-                 return {come} && document.body.innerText.includes('{text}') && (named('{button}')?.click(), named('{button}') !== undefined); }})()"
-            )) == true
-        };
-        while !step() {
-            assert!(begun.elapsed() < PATIENCE, "{name} does not come to {position}");
-            thread::sleep(Duration::from_millis(20));
+        let slider = element(&format!("[aria-label='Move {name}']"));
+        let is_armed = format!("!{slider}.disabled");
+        let is_done = format!("document.body.innerText.includes({text:?}) && {} !== undefined", control(button));
+        loop {
+            self.browser.drive(&slider, position);
+            while self.browser.value(&is_armed) == true {
+                if has_arrived() && self.browser.value(&is_done) == true {
+                    self.browser.click(button);
+                    return self.settle();
+                }
+                assert!(begun.elapsed() < PATIENCE, "{name} does not come to {position}");
+                self.browser.wait_for_picture();
+            }
         }
-        self.settle();
     }
 
     /// Takes pictures of a page at both sizes, from its form on. Nothing is wider than the screen.
@@ -148,6 +173,7 @@ impl Head {
             let excess = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
             assert_eq!(self.browser.value(excess), 0, "{name} on a {device}");
         }
+        self.browser.resize(self.size.0, self.size.1);
     }
 
     /// The links that were added, once `facewire check` has accepted the settings.
@@ -182,10 +208,10 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
         head.set(key, value);
     }
     head.look("a link to bus servos");
-    head.go_to("servos");
+    head.browser.turn_to("servos");
     for (id, source) in [(1, "jawOpen"), (2, "headYaw")] {
         head.click("Add a servo");
-        head.choose(&format!("Servo {id}"), "Add from the list", source);
+        head.follow(&format!("Servo {id}"), source);
     }
     head.keep();
     let link = format!(
@@ -199,7 +225,7 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
     head.look("a bus servo that does not answer");
     assert!(!bus.servos()[0].0, "a new servo moves only once it may");
     head.browser.click("Let servos move again");
-    head.drive("servo 1", "0.25", "place 178 degrees", "Set end 0 here", || is_at(178.0));
+    head.drive("servo 1", 0.25, "place 178 degrees", "Set end 0 here", || is_at(178.0));
     head.browser.click("Ends, speed and more");
     head.choose("Servo 1", "Place at end 1", "190.5");
     head.look("a bus servo with new ends");
@@ -209,7 +235,7 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
         head.saved(),
         [&*link, &jaw.replace("position_at_0 = 176\nposition_at_1 = 184\n", ends), &neck].concat()
     );
-    head.drive("servo 1", "1", "", "Disarm", || is_at(190.5));
+    head.drive("servo 1", 1.0, "", "Disarm", || is_at(190.5));
     bus.lock().plug_in(2, Instant::now());
     head.browser.wait_until("!document.body.innerText.includes('does not answer')");
     assert_eq!(head.browser.errors(), Vec::<Value>::new());
@@ -232,14 +258,14 @@ fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     head.keep();
     let link = format!("\n[[link]]\nkind = \"artnet\"\naddress = \"{address}\"\n");
     assert_eq!(head.saved(), link);
-    head.go_to("servos");
+    head.browser.turn_to("servos");
     head.browser.wait_for_text("it sends the whole face");
     head.click("Add a channel");
     head.browser.click("Ends, speed and more");
-    head.choose("Channel 1", "Add from the list", "jawOpen");
+    head.follow("Channel 1", "jawOpen");
     head.choose("Channel 1", "Value in the universe", "16-bit");
     head.click("Add a channel");
-    head.choose("Channel 3", "Add from the list", "headYaw");
+    head.follow("Channel 3", "headYaw");
     head.keep();
     let jaw = "\n[[link.channel]]\nchannel = 1\nsources = { jawOpen = 1 }\ndmx = \"16-bit\"\n";
     let neck = "\n[[link.channel]]\nchannel = 3\nsources = { headYaw = 0.0125 }\noffset = 0.5\n";
@@ -247,7 +273,7 @@ fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     eventually("no pulses of new servos", || has([0, 0, 0]));
     head.browser.click("Let servos move again");
     eventually("the neutral face", || has([0, 1, 128]));
-    head.drive("channel 1", "0.25", "", "Set end 1 here", || has([0x40, 1, 128]));
+    head.drive("channel 1", 0.25, "", "Set end 1 here", || has([0x40, 1, 128]));
     head.look("DMX");
     head.keep();
     let narrow = jaw.replace("dmx = \"16-bit\"\n", "dmx = \"16-bit\"\npulse_at_1_us = 1250\n");

@@ -7,12 +7,13 @@ use std::{
     net::IpAddr,
     path::{Path, PathBuf},
     process::Command,
+    time::Instant,
 };
 
 use common::{
-    browser::Browser,
+    browser::{Browser, element, labelled},
     packet,
-    service::{Console, elsewhere},
+    service::{Console, Seen, elsewhere},
     skip,
 };
 use facewire_packet::control::{Refusal, Take};
@@ -57,8 +58,7 @@ fn axe() -> Option<String> {
 
 /// Opens a page, and waits until it shows what it has asked of the console.
 fn turn_to(browser: &mut Browser, page: &str) {
-    browser.value(&format!("location.hash = '{page}'"));
-    browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+    browser.turn_to(page);
     // Every page but the first waits for an answer of the console.
     browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
     browser.wait_until("document.getElementById('state').textContent === 'live'");
@@ -122,10 +122,11 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
     until_asked(&console, &resume);
     browser.wait_until("!document.querySelector('.released')");
     // On another page, and by the keys.
-    for (times, (page, key, code)) in [("servos", "Escape", "Escape"), ("live", " ", "Space")].into_iter().enumerate() {
-        browser.value(&format!("document.activeElement.blur(), location.hash = '{page}'"));
-        browser.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
-        browser.press(key, code);
+    for (times, (page, empty, key)) in [("servos", "#page-servos h2", "Escape"), ("live", "figcaption", " ")].into_iter().enumerate() {
+        browser.turn_to(page);
+        // The link to the page has the focus, and space works it.
+        browser.click_on(&element(empty));
+        browser.press(key);
         console.service.until(|seen| seen.requests.iter().filter(|request| **request == release).count() == times + 2);
         browser.click("Let servos move again");
         browser.wait_until("!document.querySelector('.released')");
@@ -159,7 +160,6 @@ fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
     for (width, height) in [PHONE, DESK] {
         browser.resize(width, height);
         for page in PAGES {
-            browser.value("document.activeElement.blur()");
             turn_to(&mut browser, page);
             browser.value(
                 "window.controls = () => [...document.querySelectorAll('a, button:enabled, input:enabled, select:enabled, \
@@ -175,7 +175,7 @@ fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
                 const isSeen = outlineStyle !== 'none' && (at.contains(top) || top?.contains(at)); \
                 return isSeen ? '' : `${at.outerHTML.slice(0, 100)} has the outline ${outlineStyle} and lies below ${top?.outerHTML.slice(0, 60)}`; })()";
             for _ in 0..most {
-                browser.press("Tab", "Tab");
+                browser.press("Tab");
                 assert_eq!(browser.value(look), "", "{page} at {width}");
             }
             let missed =
@@ -192,14 +192,14 @@ fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
 #[test]
 fn keys_that_type_or_work_a_control_do_not_stop() {
     let Some((console, mut browser)) = open("wearer", DESK) else { return };
-    browser.wait_until("document.querySelector('#page-wearer input')");
-    browser.value("document.querySelector('#page-wearer input').focus()");
-    browser.press(" ", "Space");
-    browser.press("Escape", "Escape");
-    browser.value("document.querySelector('nav a').focus()");
-    browser.press(" ", "Space");
-    browser.press("Enter", "Enter");
-    browser.wait_until("location.hash === '#live'");
+    browser.click_on(&element("#page-wearer input"));
+    browser.press(" ");
+    browser.press("Escape");
+    browser.turn_to("wearer");
+    browser.press(" ");
+    browser.press("Tab");
+    browser.press("Enter");
+    browser.wait_until("location.hash === '#links'");
     assert_eq!(console.service.changes(), Vec::<Value>::new());
 }
 
@@ -207,18 +207,18 @@ fn keys_that_type_or_work_a_control_do_not_stop() {
 fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
     browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled"));
-    browser.set(SLIDER, "0.9");
+    assert!(!browser.drag(&element(SLIDER), 0.9), "a slider moves before arming");
     assert_eq!(console.service.changes(), Vec::<Value>::new());
-    browser.click("Arm");
-    browser.wait_until(&format!("!document.querySelector(\"{SLIDER}\").disabled"));
-    browser.set(SLIDER, "0.25");
+    browser.drive(&element(SLIDER), 0.25);
     let moved = json!({"link": 0, "channel": 0, "position": 0.25});
     console.service.until(|seen| seen.lines.iter().any(|(_, line)| *line == moved));
     browser.wait_until("document.querySelector('.numbers').innerText.includes('0.25')");
     browser.screenshot("armed");
     // The arrow keys move it, too.
-    browser.value(&format!("document.querySelector(\"{SLIDER}\").focus()"));
-    browser.press("ArrowRight", "ArrowRight");
+    while browser.value(&format!("document.activeElement === {}", element(SLIDER))) != true {
+        browser.press("Tab");
+    }
+    browser.press("ArrowRight");
     console.service.until(|seen| {
         seen.lines.iter().any(|(_, line)| (0.254..0.256).contains(&line["position"].as_f64().unwrap_or(0.0)))
     });
@@ -254,7 +254,7 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
         .service
         .until(|seen| seen.lines.iter().any(|(_, line)| line["coefficients"]["eyeBlinkLeft"].as_f64() > Some(0.7)));
     browser.wait_until("document.querySelector('#puppet input').disabled === false");
-    browser.set("#puppet input", "20");
+    browser.drive(&element("#puppet input"), 20.0);
     console.service.until(|seen| seen.lines.iter().any(|(_, line)| line["head_deg"] == json!([20.0, 0.0, 0.0])));
     browser.click("Sweep each channel");
     for number in [0, 3] {
@@ -267,19 +267,17 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
 #[test]
 fn ends_and_rest_are_set_where_the_servo_is_and_kept_with_the_comments() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
-    browser.click("Arm");
-    browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled === false"));
-    browser.set(SLIDER, "0.25");
+    browser.drive(&element(SLIDER), 0.25);
     browser.click("Set end 0 here");
     browser.wait_for_text("1 setting is changed and not kept yet");
     browser.click("Difference");
     browser.wait_for_text("+ pulse_at_0_us = 1300 # jaw shut");
     browser.screenshot("difference");
     // The service does not know the new end yet, and moves between those of the file.
-    browser.set(SLIDER, "0.75");
+    browser.drive(&element(SLIDER), 0.75);
     browser.click("Set end 1 here");
     browser.wait_for_text("+ pulse_at_1_us = 1700");
-    browser.set(SLIDER, "0.375");
+    browser.drive(&element(SLIDER), 0.375);
     browser.click("Set rest here");
     browser.wait_for_text("+ neutral = 0.25");
     assert_eq!(console.settings(), SETTINGS);
@@ -290,14 +288,194 @@ fn ends_and_rest_are_set_where_the_servo_is_and_kept_with_the_comments() {
     until_asked(&console, &json!({"do": "reload"}));
 }
 
+/// The value that a field shows.
+fn shown(browser: &mut Browser, field: &str) -> Value {
+    browser.value(&format!("{field}.value"))
+}
+
+#[test]
+fn a_setting_keeps_what_is_typed_key_by_key_while_statuses_come() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    let camera = "/dev/v4l/by-id/usb-046d_HD_Pro_Webcam_C920-video-index0";
+    let device = element("[id='field-camera.device']");
+    let fps = element("[id='field-camera.fps']");
+    browser.click("camera");
+    browser.select_all(&device);
+    browser.type_through_statuses(camera);
+    assert_eq!(shown(&mut browser, &device), camera);
+    browser.press("Tab");
+    browser.wait_for_text("1 setting is changed and not kept yet");
+    browser.select_all(&fps);
+    browser.type_through_statuses("120");
+    browser.press("Enter");
+    browser.wait_for_text("2 settings are changed and not kept yet");
+    // Escape gives up what was typed, and stops nothing.
+    browser.fill(&fps, "7");
+    browser.press("Escape");
+    assert_eq!(shown(&mut browser, &fps), "120");
+    // What is no such number stays until it is mended, and is said.
+    for (wrong, kept) in [("999", "999"), ("-", "")] {
+        browser.fill(&fps, wrong);
+        browser.press("Tab");
+        browser.wait_for_text("Give a whole number from 1 to 240.");
+        browser.await_statuses(browser.statuses() + 2);
+        assert_eq!(shown(&mut browser, &fps), kept);
+        assert_eq!(browser.value(&format!("{fps}.getAttribute('aria-invalid')")), "true");
+    }
+    browser.screenshot("no such number");
+    browser.fill(&fps, "24");
+    browser.press("Tab");
+    browser.wait_until("!document.body.innerText.includes('Give a whole number')");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS.replace("60", "24").replace("# fast", &format!("# fast\ndevice = \"{camera}\"")));
+    let asked = console.service.changes();
+    assert!(asked.iter().all(|request| request["do"] == "reload"), "{asked:?}");
+}
+
+#[test]
+fn what_was_typed_is_there_when_its_page_was_left_and_comes_back() {
+    let Some((_console, mut browser)) = open("links", PHONE) else { return };
+    let fps = element("[id='field-camera.fps']");
+    browser.turn_to("health");
+    browser.turn_to("links");
+    browser.click("camera");
+    // The link takes the focus, and going back the field itself.
+    browser.fill(&fps, "50");
+    browser.turn_to("servos");
+    browser.go_back();
+    browser.click("camera");
+    browser.wait_until(&format!("{fps}.value === '50'"));
+    browser.fill(&fps, "40");
+    browser.go_back();
+    browser.wait_until("location.hash === '#health'");
+    browser.turn_to("links");
+    browser.click("camera");
+    browser.wait_until(&format!("{fps}.value === '40'"));
+    browser.screenshot("came back");
+}
+
+#[test]
+fn the_numbers_and_lists_of_a_servo_keep_what_a_hand_puts_in_and_show_what_changes_elsewhere() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    let card = "[aria-label='Channel 0']";
+    let [end_0, end_1] = ["Pulse at end 0", "Pulse at end 1"].map(|label| labelled(card, label));
+    browser.click("Ends, speed and more");
+    browser.select_all(&end_0);
+    browser.type_through_statuses("1250");
+    assert_eq!(shown(&mut browser, &end_0), "1250");
+    browser.press("Enter");
+    browser.wait_for_text("1 setting is changed");
+    let loss = labelled(card, "Without a face");
+    browser.choose(&loss, "release");
+    browser.await_statuses(browser.statuses() + 2);
+    assert_eq!(shown(&mut browser, &loss), "release");
+    // An end that the slider sets shows up in its field, unless somebody types there.
+    browser.drive(&element(SLIDER), 0.75);
+    browser.click("Set end 1 here");
+    browser.wait_until(&format!("{end_1}.value === '1700'"));
+    let factor = labelled(card, "jawOpen times");
+    browser.select_all(&factor);
+    browser.type_through_statuses("0.75");
+    browser.screenshot("a servo in the hand");
+    browser.press("Tab");
+    browser.wait_for_text("4 settings are changed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let kept = SETTINGS.replace("1100", "1250").replace("1900\n", "1700\nloss = \"release\"\n").replace("1.0", "0.75");
+    assert_eq!(console.settings(), kept);
+}
+
+#[test]
+fn keys_that_go_through_the_list_of_sources_add_none_until_it_is_added() {
+    let Some((console, mut browser)) = open("servos", DESK) else { return };
+    let list = labelled("[aria-label='Channel 3']", "Add from the list");
+    browser.click_on(&list);
+    browser.press("Escape");
+    browser.wait_until(&format!("!{list}.matches(':open')"));
+    for key in ["b", "ArrowDown", "ArrowDown"] {
+        browser.press(key);
+        browser.await_statuses(browser.statuses() + 2);
+    }
+    assert_eq!(shown(&mut browser, &list), "browInnerUp");
+    assert_eq!(browser.value("document.getElementById('draft')"), Value::Null);
+    browser.click_on(&element("[aria-label='Add browInnerUp to channel 3']"));
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS.replace("channel = 3\n", "channel = 3\nsources = { browInnerUp = 1 }\n"));
+}
+
+#[test]
+fn a_slider_stays_in_the_hand_while_its_servo_moves() {
+    let Some((console, mut browser)) = open("servos", DESK) else { return };
+    let slider = element(SLIDER);
+    let is_shown = |value: f64| format!("{slider}.valueAsNumber === {value}");
+    browser.click("Arm");
+    browser.wait_until(&format!("{slider}?.disabled === false && {}", is_shown(0.5)));
+    let place = browser.hold(&slider, 0.5);
+    let turn = |position: f64| {
+        let line = json!({"channel": 0, "position": position});
+        console.service.seen.lock().unwrap().lines.push((Instant::now(), line));
+    };
+    turn(0.9);
+    browser.wait_for_text("is 0.90");
+    assert_eq!(browser.value(&is_shown(0.5)), true, "it slips out of the hand");
+    browser.let_go(place);
+    browser.wait_until(&is_shown(0.9));
+    // One that is disabled in the hand shows again what is.
+    browser.drive(&slider, 0.25);
+    let place = browser.hold(&slider, 0.75);
+    browser.press("Escape");
+    browser.wait_until(&format!("{slider}.disabled"));
+    browser.let_go(place);
+    turn(0.1);
+    browser.wait_until(&is_shown(0.1));
+}
+
+#[test]
+fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.drive(&element(SLIDER), 0.25);
+    let is_at = |at: f64| move |seen: &Seen| seen.lines.last().is_some_and(|(_, line)| line["position"] == at);
+    console.service.until(is_at(0.25));
+    let before = console.service.seen.lock().unwrap().lines.len();
+    let height = browser.value("scrollY");
+    browser.swipe_up(&element(SLIDER));
+    browser.wait_until(&format!("scrollY > {height}"));
+    browser.drive(&element(SLIDER), 0.0);
+    console.service.until(is_at(0.0));
+    let seen = console.service.seen.lock().unwrap();
+    assert!(seen.lines[before..].iter().all(|(_, line)| !(line["position"].as_f64() > Some(0.25))), "{:?}", seen.lines);
+}
+
+#[test]
+fn letters_that_are_typed_while_a_text_is_judged_stay() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    let judging = console.folder.path().join("judging");
+    browser.click("Text");
+    let text = element("textarea");
+    browser.select_all(&text);
+    // The program judges no text before this file goes away.
+    std::fs::write(&judging, "").unwrap();
+    for word in ["# one", " two", " three"] {
+        browser.type_text(word);
+        browser.think();
+    }
+    browser.type_text(" fo");
+    std::fs::remove_file(&judging).unwrap();
+    browser.type_text("ur");
+    browser.wait_for_text("not kept yet");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), "# one two three four");
+}
+
 #[test]
 fn a_source_is_learned_from_the_movement_that_is_made() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
-    let learn = "[aria-label='Learn it for channel 3']";
-    browser.wait_until(&format!("document.querySelector(\"{learn}\")"));
     // What is high all the time does not count, only what moves.
     browser.wait_until("document.getElementById('state').textContent === 'live'");
-    browser.value(&format!("document.querySelector(\"{learn}\").click()"));
+    browser.click_on(&element("[aria-label='Learn it for channel 3']"));
     *console.service.pose.lock().unwrap() = packet(&[("jawOpen", 0.55), ("browInnerUp", 0.6)]);
     browser.click("browInnerUp (0.60)");
     browser.wait_for_text("not kept yet");
@@ -310,7 +488,7 @@ fn a_source_is_learned_from_the_movement_that_is_made() {
 fn a_fault_stands_beside_its_line_and_cannot_be_kept() {
     let Some((console, mut browser)) = open("links", DESK) else { return };
     browser.click("Text");
-    browser.set("textarea", "[camera]\nfps = \"bad\"\n");
+    browser.fill(&element("textarea"), "[camera]\nfps = \"bad\"\n");
     browser.wait_until("document.querySelector('.editor .bad')?.textContent.trim() === '2'");
     browser.wait_for_text("give a whole number from 1 to 240");
     browser.screenshot("fault");
@@ -324,7 +502,8 @@ fn a_fault_stands_beside_its_line_and_cannot_be_kept() {
 fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     let Some((console, mut browser)) = open("links", PHONE) else { return };
     browser.click("camera");
-    browser.set("[id='field-camera.fps']", "50");
+    browser.fill(&element("[id='field-camera.fps']"), "50");
+    browser.press("Enter");
     browser.click("Keep");
     browser.wait_until("!document.getElementById('draft')");
     assert_eq!(console.settings(), SETTINGS.replace("60", "50"));
@@ -351,7 +530,7 @@ fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
 #[test]
 fn a_calibration_shows_the_pose_and_why_it_waits_and_ends() {
     let Some((console, mut browser)) = open("wearer", PHONE) else { return };
-    browser.set("#page-wearer input", "carla");
+    browser.fill(&element("#page-wearer input"), "carla");
     browser.click("Begin");
     until_asked(&console, &json!({"do": "calibrate", "wearer": "carla"}));
     for text in ["Pose 6 of 11", "Smile as widely as you can.", "The head is turned", "hold it a little longer"] {
@@ -360,7 +539,7 @@ fn a_calibration_shows_the_pose_and_why_it_waits_and_ends() {
     browser.screenshot("calibration");
     browser.click("Cancel");
     browser.wait_for_text("The calibration has ended: the calibration was cancelled");
-    browser.set("#page-wearer input", "anna");
+    browser.fill(&element("#page-wearer input"), "anna");
     browser.click("Begin");
     browser.wait_for_text("The profile of anna is made and in use");
     browser.wait_for_text("Pucker your lips, as if for a kiss. No such movement is seen");
@@ -418,7 +597,7 @@ fn whoever_comes_from_elsewhere_sets_the_password_and_a_link_to_look_changes_not
     browser.open(&url(&console, address, "servos"));
     browser.wait_for_text("Nobody has set a password yet");
     browser.screenshot("first password");
-    browser.set("input", "right horse");
+    browser.fill(&element("input"), "right horse");
     browser.click("Set the password");
     browser.wait_until("document.getElementById('stop')?.disabled === false");
     let token = console.post("tokens/look", &json!({})).json()["token"].as_str().unwrap().to_owned();
@@ -427,7 +606,7 @@ fn whoever_comes_from_elsewhere_sets_the_password_and_a_link_to_look_changes_not
     browser.open("about:blank");
     browser.open(&url(&console, address, ""));
     browser.wait_for_text("Log in");
-    browser.set("input", "wrong horse");
+    browser.fill(&element("input"), "wrong horse");
     browser.click("Log in");
     browser.wait_for_text("The password or the token is wrong.");
     browser.screenshot("login");

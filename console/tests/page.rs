@@ -5,7 +5,11 @@ mod common;
 
 use std::{fs, thread};
 
-use common::{Sending, Viewer, browser::Browser, packet, skip};
+use common::{
+    Sending, Viewer,
+    browser::{Browser, element},
+    packet, skip,
+};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 
 /// A page of this size in CSS pixels that is open in a browser and receives these packets, or `None` with a note if there
@@ -142,11 +146,11 @@ fn a_phone_shows_the_page_without_scrolling_sideways() {
 fn a_recording_has_the_columns_of_track_and_a_row_for_each_packet() {
     let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[])) else { return };
     browser.wait_until("document.getElementById('state').textContent === 'live'");
-    browser.value("document.getElementById('record').click()");
+    browser.click_on(&element("#record"));
     sending.show(Packet { rotation: about(1, 30.0), position_mm: [10.0, -20.0, 500.0], ..packet(&[("jawOpen", 0.5)]) });
     wait_for(&mut browser, "jawOpen", "0.50");
     browser.wait_until("parseInt(document.getElementById('recorded').textContent) > 60");
-    browser.value("document.getElementById('record').click()");
+    browser.click_on(&element("#record"));
     browser.await_event("Browser.downloadProgress", |progress| progress["state"] == "completed");
 
     let files: Vec<_> = fs::read_dir(browser.downloads()).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -177,18 +181,17 @@ fn a_recording_has_the_columns_of_track_and_a_row_for_each_packet() {
 fn pause_freezes_the_picture_and_keys_work() {
     let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[("jawOpen", 0.3)])) else { return };
     wait_for(&mut browser, "jawOpen", "0.30");
-    browser.value("document.getElementById('pause').focus()");
-    for kind in ["keyDown", "keyUp"] {
-        let key = serde_json::json!({"type": kind, "key": " ", "code": "Space", "text": " "});
-        browser.call("Input.dispatchKeyEvent", &key);
+    while browser.value("document.activeElement.id") != "pause" {
+        browser.press("Tab");
     }
+    browser.press(" ");
     browser.wait_until("document.getElementById('state').textContent === 'paused'");
     sending.show(packet(&[("jawOpen", 0.9)]));
     // The stream goes on: two events later, the new pose would have been shown.
     browser.value("new Promise((done) => { const s = new EventSource('api/1/events'); let n = 0; s.addEventListener('face', (e) => { if (JSON.parse(e.data).packet.coefficients[17] > 0.8 && (n += 1) > 5) { s.close(); done(1); } }); })");
     browser.wait_for_picture();
     assert_eq!(browser.value("document.querySelector('[data-name=jawOpen] b').textContent"), "0.30");
-    browser.value("document.getElementById('pause').click()");
+    browser.click_on(&element("#pause"));
     wait_for(&mut browser, "jawOpen", "0.90");
 }
 

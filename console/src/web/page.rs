@@ -21,8 +21,8 @@ const PARTS: &[Part] = parts! {
     "text/css; charset=utf-8": "style.css";
     "image/svg+xml": "icon.svg";
     "text/javascript; charset=utf-8":
-        "app.js" "bars.js" "chart.js" "common.js" "draft.js" "drive.js" "fields.js" "health.js" "impaired.js" "learn.js"
-        "links.js" "live.js" "login.js" "picture.js" "plot.js" "poses.js" "puppet.js" "recorder.js" "recordings.js"
+        "app.js" "bars.js" "chart.js" "common.js" "draft.js" "drive.js" "fields.js" "hand.js" "health.js" "impaired.js"
+        "learn.js" "links.js" "live.js" "login.js" "picture.js" "plot.js" "poses.js" "puppet.js" "recorder.js" "recordings.js"
         "servos.js" "start.js" "status.js" "store.js" "stream.js" "wearer.js" "vendor/hooks.module.js" "vendor/htm.module.js"
         "vendor/preact.js" "vendor/preact.module.js"
         "face/face.js" "face/form.js" "face/head.js" "face/maths.js" "face/morph.js" "face/parts.js" "face/shaders.js"

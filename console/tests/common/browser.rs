@@ -1,13 +1,15 @@
-//! Chromium without a screen, driven by its `DevTools` protocol through a pipe.
+//! Chromium without a screen, driven by its `DevTools` protocol through a pipe. Whatever a person does with keys, a mouse or a
+//! thumb, tests do in the same way and at the same pace: scripts in the page only look.
 //! Source: <https://chromedevtools.github.io/devtools-protocol/>
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
+    ops::RangeInclusive,
     path::Path,
     process::{Child, ChildStdin, Command, Stdio},
     sync::mpsc,
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
@@ -32,6 +34,58 @@ const ARGUMENTS: [&str; 8] = [
 /// The folder to keep screenshots in, for people who want to look at them.
 const SCREENSHOTS: &str = "FACEWIRE_SCREENSHOTS";
 
+/// What a person takes from one key to the next, or for a step of a drag.
+const PACE_MS: RangeInclusive<u64> = 60..=200;
+const STEPS_OF_A_DRAG: u32 = 5;
+/// Chromium draws the thumb of a slider so wide. Its middle goes from half a thumb to half a thumb before the end.
+const THUMB_PX: f64 = 16.0;
+
+/// Finds the middle of a control, scrolls there if it is elsewhere or below a bar, and waits until it rests.
+const PLACE: &str = "new Promise((done) => {
+    const end = performance.now() + PATIENCE_MS;
+    let last;
+    const place = () => {
+        const control = FIND;
+        if (!control?.checkVisibility()) return 'is not there';
+        const [box] = control.getClientRects();
+        const middle = [box.x + box.width / 2, box.y + box.height / 2];
+        const top = document.elementFromPoint(...middle);
+        if (control.contains(top)) return middle;
+        control.scrollIntoView({ block: 'center', behavior: 'instant' });
+        return `lies below ${top?.outerHTML.slice(0, 200)}`;
+    };
+    const look = () => {
+        const now = place();
+        if (Array.isArray(now) && String(now) === String(last)) return done(now);
+        if (performance.now() > end) return done(`${now}`);
+        last = now;
+        requestAnimationFrame(look);
+    };
+    look();
+})";
+
+/// Returns an expression for the first element that a selector matches.
+pub fn element(selector: &str) -> String {
+    format!("document.querySelector({selector:?})")
+}
+
+/// Returns an expression for the first control whose text begins so and that can be used.
+pub fn control(text: &str) -> String {
+    format!(
+        "[...document.querySelectorAll('button:enabled, a, summary')]\
+         .find((control) => control.textContent.trim().startsWith({text:?}) && control.checkVisibility())"
+    )
+}
+
+/// Returns an expression for the field of a label that begins so, within what a selector matches.
+pub fn labelled(within: &str, label: &str) -> String {
+    let labels = format!("{within} label");
+    format!(
+        "[...document.querySelectorAll({labels:?})].find((it) => it.innerText.trim().startsWith({label:?}))\
+         ?.querySelector('input, select')"
+    )
+}
+
 /// A browser with one page.
 pub struct Browser {
     child: Child,
@@ -42,6 +96,9 @@ pub struct Browser {
     commands_sent: u64,
     folder: TempDir,
     patience: Duration,
+    random: fastrand::Rng,
+    /// Whether a thumb taps and drags, as on a phone, instead of a mouse.
+    has_thumb: bool,
 }
 
 /// A picture of the page, 4 bytes for each pixel.
@@ -82,6 +139,8 @@ impl Browser {
             commands_sent: 0,
             folder,
             patience: PATIENCE,
+            random: fastrand::Rng::with_seed(52),
+            has_thumb: false,
         };
         browser.prepare(width, height);
         browser
@@ -107,10 +166,12 @@ impl Browser {
         self.patience = patience;
     }
 
-    /// Gives the page another size. A narrow page is that of a phone.
+    /// Gives the page another size. A narrow page is that of a phone, which is touched.
     pub fn resize(&mut self, width: u32, height: u32) {
-        let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600});
+        self.has_thumb = width < 600;
+        let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": self.has_thumb});
         self.call("Emulation.setDeviceMetricsOverride", &metrics);
+        self.call("Emulation.setTouchEmulationEnabled", &json!({"enabled": self.has_thumb}));
     }
 
     /// The folder of downloads.
@@ -184,34 +245,220 @@ impl Browser {
         }
     }
 
-    /// Presses a key, as `key` and `code` of an event name it.
-    pub fn press(&mut self, key: &str, code: &str) {
+    /// Presses a key, as `key` of an event names it.
+    pub fn press(&mut self, key: &str) {
         let text = if key == "Enter" { "\r" } else { key };
+        let text = if text.chars().count() == 1 { text } else { "" };
+        self.send_key(&json!({"key": key, "code": if key == " " { "Space" } else { key }, "text": text}));
+    }
+
+    fn send_key(&mut self, key: &Value) {
         for kind in ["keyDown", "keyUp"] {
-            let mut event = json!({"type": kind, "key": key, "code": code, "windowsVirtualKeyCode": virtual_key(code)});
-            if kind == "keyDown" && (text.chars().count() == 1) {
-                event["text"] = text.into();
+            let mut event = key.clone();
+            event["type"] = kind.into();
+            event["windowsVirtualKeyCode"] = virtual_key(key["key"].as_str().unwrap()).into();
+            if kind == "keyUp" {
+                event["text"] = "".into();
             }
             self.call("Input.dispatchKeyEvent", &event);
         }
     }
 
-    /// Clicks the first control whose text begins so, once it is there and enabled.
-    pub fn click(&mut self, text: &str) {
-        let find = format!(
-            "[...document.querySelectorAll('button:enabled, a, summary')].find((control) => control.textContent.trim().startsWith({text:?}) && control.checkVisibility())"
-        );
-        self.wait_until(&find);
-        self.value(&format!("{find}.click()"));
+    /// Lets as much time pass as a person takes from one key to the next.
+    fn pause(&mut self) {
+        let end = Instant::now() + Duration::from_millis(self.random.u64(PACE_MS));
+        while let Ok(message) = self.messages.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            self.events.push(message);
+        }
     }
 
-    /// Sets a field or a slider to a value, as a person does.
-    pub fn set(&mut self, selector: &str, value: &str) {
-        self.wait_until(&format!("document.querySelector({selector:?})"));
-        self.value(&format!(
-            "(() => {{ const field = document.querySelector({selector:?}); field.value = {value:?}; \
-             for (const kind of ['input', 'change']) field.dispatchEvent(new Event(kind, {{ bubbles: true }})); }})()"
+    /// Lets as much time pass as a person thinks about the next word.
+    pub fn think(&mut self) {
+        for _ in 0..5 {
+            self.pause();
+        }
+    }
+
+    /// Types a text key by key.
+    pub fn type_text(&mut self, text: &str) {
+        for letter in text.chars() {
+            self.pause();
+            let key = if letter == '\n' { "Enter".to_owned() } else { letter.to_string() };
+            self.press(&key);
+        }
+    }
+
+    /// As [`Self::type_text`], but hesitates before the last key until two statuses have come and the page is drawn with them.
+    pub fn type_through_statuses(&mut self, text: &str) {
+        let before = self.statuses();
+        let (last, _) = text.char_indices().next_back().unwrap();
+        self.type_text(&text[..last]);
+        self.await_statuses(before + 2);
+        self.type_text(&text[last..]);
+    }
+
+    /// How many statuses the page has got so far.
+    pub fn statuses(&self) -> usize {
+        let is_status = |event: &Value| match event["method"].as_str() {
+            Some("Network.eventSourceMessageReceived") => event["params"]["eventName"] == "status",
+            Some("Network.responseReceived") => {
+                event["params"]["response"]["url"].as_str().unwrap().ends_with("/api/1/status")
+            }
+            _ => false,
+        };
+        self.events.iter().filter(|event| is_status(event)).count()
+    }
+
+    /// Waits until the page has got so many statuses and is drawn with them.
+    pub fn await_statuses(&mut self, count: usize) {
+        while self.statuses() < count {
+            let message = self.next_message();
+            self.events.push(message);
+        }
+        self.wait_for_picture();
+    }
+
+    /// Puts a text in the place of the one that a field has. The focus stays in the field.
+    pub fn fill(&mut self, field: &str, text: &str) {
+        self.select_all(field);
+        self.type_text(text);
+    }
+
+    /// Puts the focus into a field and selects its text.
+    pub fn select_all(&mut self, field: &str) {
+        self.click_on(field);
+        self.wait_until(&format!("document.activeElement === {field}"));
+        // The modifier 2 is Ctrl.
+        self.send_key(&json!({"key": "a", "code": "KeyA", "modifiers": 2, "commands": ["selectAll"]}));
+    }
+
+    /// Returns the middle of a control, where nothing lies over it.
+    fn place(&mut self, find: &str) -> [f64; 2] {
+        let patience_ms = self.patience.as_millis().to_string();
+        let place = self.value(&PLACE.replace("FIND", find).replace("PATIENCE_MS", &patience_ms));
+        serde_json::from_value(place.clone()).unwrap_or_else(|_| panic!("{find} {place}"))
+    }
+
+    /// Puts the mouse button or the thumb down, moves it while it is down, or lifts it.
+    fn touch(&mut self, what: Touch, [x, y]: [f64; 2]) {
+        let (thumb, mouse) = match what {
+            Touch::Down => ("touchStart", "mousePressed"),
+            Touch::Move => ("touchMove", "mouseMoved"),
+            Touch::Up => ("touchEnd", "mouseReleased"),
+        };
+        if self.has_thumb {
+            let points = if what == Touch::Up { json!([]) } else { json!([{"x": x, "y": y}]) };
+            self.call("Input.dispatchTouchEvent", &json!({"type": thumb, "touchPoints": points}));
+        } else {
+            let buttons = u8::from(what != Touch::Up);
+            let event = json!({"type": mouse, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1});
+            self.call("Input.dispatchMouseEvent", &event);
+        }
+    }
+
+    /// Clicks the first control whose text begins so, once it is there and enabled.
+    pub fn click(&mut self, text: &str) {
+        self.click_on(&control(text));
+    }
+
+    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not below something else.
+    pub fn click_on(&mut self, find: &str) {
+        self.wait_until(&format!("{find} && !{find}.disabled"));
+        let place = self.place(find);
+        self.touch(Touch::Down, place);
+        self.touch(Touch::Up, place);
+    }
+
+    /// Chooses an option of a list by the arrow keys.
+    pub fn choose(&mut self, list: &str, value: &str) {
+        self.wait_until(&format!("[...{list}.options].some((option) => option.value === {value:?})"));
+        self.click_on(list);
+        self.wait_until(&format!("{list}.matches(':open')"));
+        let steps = self.value(&format!(
+            "[...{list}.options].findIndex((option) => option.value === {value:?}) - {list}.selectedIndex"
         ));
+        let steps = steps.as_i64().unwrap();
+        for _ in 0..steps.abs() {
+            self.press(if steps > 0 { "ArrowDown" } else { "ArrowUp" });
+        }
+        self.pause();
+        self.press("Enter");
+        self.wait_until(&format!("!{list}.matches(':open')"));
+    }
+
+    /// Takes hold of a slider and drags it to a value, without letting go. Returns where it is let go.
+    pub fn hold(&mut self, slider: &str, value: f64) -> [f64; 2] {
+        let [_, y] = self.place(slider);
+        let now = self.value(&format!(
+            "(({{ x, width }}, {{ min, max, value }}) => [x, width, min, max, value].map(Number))\
+             ({slider}.getBoundingClientRect(), {slider})"
+        ));
+        let [left, width, min, max, now]: [f64; 5] = serde_json::from_value(now).unwrap();
+        let at = |value: f64| left + THUMB_PX / 2.0 + (value - min) / (max - min) * (width - THUMB_PX);
+        self.touch(Touch::Down, [at(now), y]);
+        for step in 1..=STEPS_OF_A_DRAG {
+            self.pause();
+            let part = f64::from(step) / f64::from(STEPS_OF_A_DRAG);
+            self.touch(Touch::Move, [at(now + part * (value - now)), y]);
+        }
+        [at(value), y]
+    }
+
+    /// Lets go of what was dragged.
+    pub fn let_go(&mut self, place: [f64; 2]) {
+        self.touch(Touch::Up, place);
+    }
+
+    /// Drags a slider to a value. Returns whether it came there, which one that is disabled does not.
+    #[must_use]
+    pub fn drag(&mut self, slider: &str, value: f64) -> bool {
+        let place = self.hold(slider, value);
+        self.wait_for_picture();
+        let has_come = self.value(&format!("{slider}.valueAsNumber === {value}")) == true;
+        self.let_go(place);
+        has_come
+    }
+
+    /// Scrolls the page by a thumb that comes down on an element.
+    pub fn swipe_up(&mut self, find: &str) {
+        let [x, y] = self.place(find);
+        self.touch(Touch::Down, [x, y]);
+        for step in 1..=STEPS_OF_A_DRAG {
+            self.pause();
+            self.touch(Touch::Move, [x, y - 30.0 * f64::from(step)]);
+        }
+        self.touch(Touch::Up, [x, y]);
+    }
+
+    /// Arms the page unless it is armed, and drags a slider. Begins again if the page has disarmed, because a busy machine has
+    /// delayed its heartbeat.
+    pub fn drive(&mut self, slider: &str, value: f64) {
+        let end = Instant::now() + self.patience;
+        let is_disarmed = format!("({} !== undefined)", control("Arm"));
+        loop {
+            if self.value(&is_disarmed) == true {
+                self.click("Arm");
+                self.wait_until(&format!("{slider}?.disabled === false || {is_disarmed}"));
+            }
+            if self.drag(slider, value) {
+                return;
+            }
+            assert!(Instant::now() < end, "{slider} does not come to {value}");
+        }
+    }
+
+    /// Turns to another page by its link, and waits until it is there.
+    pub fn turn_to(&mut self, page: &str) {
+        self.click_on(&element(&format!("nav a[href='#{page}']")));
+        self.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+    }
+
+    /// Goes back to what the browser showed before.
+    pub fn go_back(&mut self) {
+        let history = self.call("Page.getNavigationHistory", &json!({}));
+        let current = history["currentIndex"].as_u64().unwrap();
+        let entry = history["entries"][usize::try_from(current).unwrap() - 1]["id"].clone();
+        self.call("Page.navigateToHistoryEntry", &json!({"entryId": entry}));
     }
 
     /// Waits until a text is on the page.
@@ -256,14 +503,24 @@ impl Browser {
     }
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Touch {
+    Down,
+    Move,
+    Up,
+}
+
 /// The number by which browsers tell keys apart that give no text.
-fn virtual_key(code: &str) -> u32 {
-    match code {
+fn virtual_key(key: &str) -> u32 {
+    match key {
         "Tab" => 9,
         "Enter" => 13,
         "Escape" => 27,
-        "Space" => 32,
+        " " => 32,
+        "ArrowLeft" => 37,
+        "ArrowUp" => 38,
         "ArrowRight" => 39,
+        "ArrowDown" => 40,
         _ => 0,
     }
 }

@@ -8,7 +8,7 @@ mod common;
 use std::{
     env, fs,
     net::UdpSocket,
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
     time::Instant,
@@ -17,7 +17,7 @@ use std::{
 use bus::Bus;
 use common::{
     PATIENCE, Viewer,
-    browser::{Browser, control, element, labelled},
+    browser::{Browser, control, element, labelled, or_arm},
     command, eventually, skip,
 };
 use serde_json::Value;
@@ -38,24 +38,51 @@ struct Head {
     _console: Viewer,
 }
 
-/// The program of the service, which cargo has put above the folder of this test. It must be newer than what it is built from.
+/// The program of the service, which cargo puts above the folder of this test, and builds only if it is asked to. It must be
+/// newer than what it is built from.
 fn program() -> PathBuf {
-    let program = env::current_exe().unwrap().parent().unwrap().with_file_name("facewire");
-    let newest = fs::metadata(&program).and_then(|it| it.modified()).ok();
-    // cargo lists there what the program is built from: "PROGRAM: FILE FILE", with a backslash before a space of a name.
-    let list = fs::read_to_string(program.with_extension("d")).unwrap_or_default();
-    let (_, files) = list.split_once(": ").unwrap_or_default();
-    let files = files.trim_end().replace("\\ ", "\0");
-    let modified = |file: &str| fs::metadata(file.replace('\0', " ")).and_then(|it| it.modified()).ok();
-    let is_old = |file: &str| modified(file).is_none_or(|time| Some(time) > newest);
-    let old = files.split(' ').find(|file| is_old(file));
+    let folder = env::current_exe().unwrap().parent().unwrap().to_owned();
+    let program = folder.with_file_name("facewire");
+    let modified = |path: &Path| fs::metadata(path).and_then(|file| file.modified()).ok();
+    let built = modified(&program);
+    let sources = sources(&folder);
+    assert!(sources.len() > 20, "{sources:?}");
+    let newer = sources.iter().find(|source| modified(source) > built);
     assert!(
-        newest.is_some() && old.is_none(),
-        "the program {} is missing or older than {}: run cargo build --workspace",
+        built.is_some() && newer.is_none(),
+        "{} is missing or older than {}: run cargo test --workspace --no-run",
         program.display(),
-        old.unwrap_or("its sources")
+        newer.map_or("its sources".into(), |source| source.display().to_string())
     );
     program
+}
+
+/// What the program is built from: the files that rustc names beside the libraries of its crates.
+fn sources(libraries: &Path) -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let tree = "tree --package facewire --edges normal,build --prefix none --offline --format {p}";
+    let tree = Command::new(cargo).args(tree.split(' ')).current_dir(root).output().unwrap();
+    // A crate of this repository has its folder behind its name.
+    let tree = String::from_utf8(tree.stdout).unwrap();
+    let crates: Vec<String> = tree
+        .lines()
+        .filter(|line| line.contains(" (/"))
+        .map(|line| line.split(' ').next().unwrap().replace('-', "_"))
+        .collect();
+    let mut sources = vec![root.join("src/main.rs")];
+    for list in fs::read_dir(libraries).unwrap().map(|entry| entry.unwrap().path()) {
+        let is_list = list.extension().is_some_and(|extension| extension == "d");
+        let name = list.file_stem().unwrap().to_str().unwrap().rsplit_once('-').map_or("", |(name, _)| name);
+        if is_list && crates.iter().any(|known| known == name) {
+            let text = fs::read_to_string(&list).unwrap();
+            let is_library = text.contains(&format!("/lib{name}-"));
+            // A line with a file and a colon alone stands for each of them.
+            let files = text.lines().filter_map(|line| line.strip_suffix(':'));
+            sources.extend(files.filter(|_| is_library).map(|file| root.join(file.replace("\\ ", " "))));
+        }
+    }
+    sources
 }
 
 impl Head {
@@ -90,13 +117,7 @@ impl Head {
     /// Clicks a button that changes the draft of the settings, and waits until the page shows the new draft.
     fn click(&mut self, text: &str) {
         self.browser.click(text);
-        self.settle();
-    }
-
-    /// Waits for all changes so far. They are made in order, so an empty one that is made is the last.
-    fn settle(&mut self) {
-        self.browser.value("import('./draft.js').then(({ change }) => change({})).then(() => 1)");
-        self.browser.wait_for_picture();
+        self.browser.settle();
     }
 
     /// Adds a link of this kind on the page of settings, and opens its form.
@@ -121,7 +142,7 @@ impl Head {
             self.browser.fill(field, value);
             self.browser.press("Tab");
         }
-        self.settle();
+        self.browser.settle();
     }
 
     /// Gives the field of a channel with this label a value.
@@ -134,7 +155,7 @@ impl Head {
         self.choose(card, "Add from the list", source);
         let button = format!("[aria-label='Add {source} to {}']", card.to_lowercase());
         self.browser.click_on(&element(&button));
-        self.settle();
+        self.browser.settle();
     }
 
     /// Keeps the settings once they have no fault.
@@ -155,8 +176,8 @@ impl Head {
             self.browser.drive(&slider, position);
             while self.browser.value(&is_armed) == true {
                 if has_arrived() && self.browser.value(&is_done) == true {
-                    self.browser.click(button);
-                    return self.settle();
+                    self.browser.click_on(&or_arm(button));
+                    return self.browser.settle();
                 }
                 assert!(begun.elapsed() < PATIENCE, "{name} does not come to {position}");
                 self.browser.wait_for_picture();

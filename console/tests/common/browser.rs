@@ -77,6 +77,12 @@ pub fn control(text: &str) -> String {
     )
 }
 
+/// Returns an expression for a button that is there while the page is armed, or for the one that arms it. A busy machine may
+/// delay the heartbeat of the page, which then disarms.
+pub fn or_arm(text: &str) -> String {
+    format!("({} ?? {})", control(text), control("Arm"))
+}
+
 /// Returns an expression for the field of a label that begins so, within what a selector matches.
 pub fn labelled(within: &str, label: &str) -> String {
     let labels = format!("{within} label");
@@ -434,17 +440,29 @@ impl Browser {
     /// delayed its heartbeat.
     pub fn drive(&mut self, slider: &str, value: f64) {
         let end = Instant::now() + self.patience;
-        let is_disarmed = format!("({} !== undefined)", control("Arm"));
-        loop {
-            if self.value(&is_disarmed) == true {
-                self.click("Arm");
-                self.wait_until(&format!("{slider}?.disabled === false || {is_disarmed}"));
-            }
-            if self.drag(slider, value) {
-                return;
-            }
+        self.arm();
+        while !self.drag(slider, value) {
             assert!(Instant::now() < end, "{slider} does not come to {value}");
+            self.arm();
         }
+    }
+
+    /// Arms the page unless it is armed.
+    pub fn arm(&mut self) {
+        let is_armed = format!("{} !== undefined", control("Disarm"));
+        if self.value(&is_armed) != true {
+            self.click("Arm");
+            self.wait_until(&is_armed);
+        }
+    }
+
+    /// Moves the focus to a control by the Tab key. Returns whether it comes there, which it does not to one that is disabled.
+    #[must_use]
+    pub fn tab_to(&mut self, find: &str) -> bool {
+        (0..200).any(|_| {
+            self.press("Tab");
+            self.value(&format!("document.activeElement === {find}")) == true
+        })
     }
 
     /// Turns to another page by its link, and waits until it is there.
@@ -459,6 +477,12 @@ impl Browser {
         let current = history["currentIndex"].as_u64().unwrap();
         let entry = history["entries"][usize::try_from(current).unwrap() - 1]["id"].clone();
         self.call("Page.navigateToHistoryEntry", &json!({"entryId": entry}));
+    }
+
+    /// Waits for all changes of the draft of the settings so far. They are made in order, so an empty one is the last.
+    pub fn settle(&mut self) {
+        self.value("import('./draft.js').then(({ change }) => change({})).then(() => 1)");
+        self.wait_for_picture();
     }
 
     /// Waits until a text is on the page.

@@ -47,6 +47,10 @@ const common = (hand, isBad) => ({
 export function Entry({ value, keep, isBad, ...attributes }) {
   const hand = useHand(keep);
   const kept = String(value ?? "");
+  // What was refused gives way to what somebody has set elsewhere since.
+  useEffect(() => {
+    if (hand.trouble) hand.letGo();
+  }, [kept]);
   const finish = ({ target }) => {
     const { held, sent } = hand;
     if (held === undefined || held === sent) return;

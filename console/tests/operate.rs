@@ -348,14 +348,40 @@ fn a_setting_keeps_what_is_typed_key_by_key_while_statuses_come() {
     browser.fill(&fps, "24");
     browser.press("Tab");
     browser.wait_until("!document.body.innerText.includes('Give a whole number')");
+    let format = element("[id='field-camera.format']");
+    browser.choose(&format, "mjpeg");
+    browser.wait_for_text("3 settings are changed and not kept yet");
+    let mirror = element("[id='field-adjust.mirror']");
+    browser.click("adjust");
+    browser.click_on(&mirror);
+    browser.wait_for_text("4 settings are changed and not kept yet");
+    browser.await_statuses(browser.statuses() + 1);
+    assert_eq!(browser.value(&format!("[{format}.value, {mirror}.checked]")), json!(["mjpeg", true]));
     browser.click("Keep");
     browser.wait_until("!document.getElementById('draft')");
     assert_eq!(
         console.settings(),
-        SETTINGS.replace("60", "24").replace("# fast", &format!("# fast\ndevice = \"{camera}\""))
+        SETTINGS.replace("60", "24").replace("# fast", &format!("# fast\ndevice = \"{camera}\"\nformat = \"mjpeg\""))
+            + "\n[adjust]\nmirror = true\n"
     );
     let asked = console.service.changes();
     assert!(asked.iter().all(|request| request["do"] == "reload"), "{asked:?}");
+}
+
+#[test]
+fn a_camera_is_chosen_by_a_tap_and_by_the_arrow_keys() {
+    let Some((console, mut browser)) = open("start", PHONE) else { return };
+    let [first, webcam] = [0, 1].map(|index| format!("document.querySelectorAll('.choice input')[{index}]"));
+    browser.click_on(&webcam);
+    browser.wait_for_text("1 setting is changed and not kept yet");
+    browser.press("ArrowUp");
+    browser.press("ArrowDown");
+    browser.settle();
+    browser.await_statuses(browser.statuses() + 1);
+    assert_eq!(browser.value(&format!("[{first}.checked, {webcam}.checked]")), json!([false, true]));
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert!(console.settings().contains("device = \"/dev/video0\""), "{}", console.settings());
 }
 
 #[test]
@@ -543,8 +569,14 @@ fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     browser.wait_until("!document.getElementById('draft')");
     assert_eq!(console.settings(), SETTINGS.replace("60", "50"));
     browser.screenshot("form");
+    // The default takes the place of what was refused, too.
+    browser.fill(&element("[id='field-camera.fps']"), "999");
+    browser.press("Tab");
+    browser.wait_for_text("Give a whole number");
     browser.click("Default: 30");
     browser.wait_for_text("not kept yet");
+    browser.wait_until("document.getElementById('field-camera.fps').value === '30'");
+    browser.wait_until("!document.body.innerText.includes('Give a whole number')");
     browser.click("Keep");
     browser.wait_until("!document.getElementById('draft')");
     assert!(!console.settings().contains("fps"), "{}", console.settings());

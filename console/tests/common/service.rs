@@ -35,7 +35,9 @@ case "$1 $2" in
 "check --config") printf 'settings  ok\ncamera    POOR: too dark\n'; echo 'facewire: no network' >&2; exit 69 ;;
 "defaults --schema") echo '{"type":"object","properties":{"camera":{"type":"object","properties":{
     "device":{"order":0,"type":"string","default":"auto","description":"The camera."},
-    "fps":{"order":1,"type":"integer","minimum":1,"maximum":240,"unit":"1/s","default":30,"description":"Frame rate."}}},
+    "fps":{"order":1,"type":"integer","minimum":1,"maximum":240,"unit":"1/s","default":30,"description":"Frame rate."},
+    "format":{"order":2,"type":"string","enum":["auto","yuyv","mjpeg"],"default":"auto"}}},
+    "adjust":{"type":"object","properties":{"mirror":{"type":"boolean","default":false}}},
     "link":{"type":"array","items":{"oneOf":[{"properties":{"kind":{"const":"udp"},"address":{"type":"string"}}},
     {"properties":{"kind":{"const":"maestro"},"device":{"type":"string","default":"auto"}}}]}}}}' ;;
 "devices --json") echo '{"cameras":[{"path":"/dev/video0","stable_paths":[],"name":"Webcam","modes":["mjpeg 640x480"]}],

@@ -134,14 +134,13 @@ class Run:
         lost = [name for name in step.after if self.outcomes[name].verdict not in ("passed", "proven")]
         if lost:
             self.outcomes[step.name] = Outcome("not run")
-            self.note(step, f"needs {', '.join(lost)}")
+            self.skip(step, f"it needs {', '.join(lost)}")
             return
         self.running[step.name] = (step, time.monotonic())
-        environment = {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step))}
         with self.log(step).open("w") as log:
             child = subprocess.Popen(
                 ["bash", "-euo", "pipefail", "-c", step.command],
-                cwd=self.root, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+                cwd=self.root, env=self.environment_of(step), stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
             )
         self.children.append(child)
         threading.Thread(target=self.wait, args=(step, child), daemon=True).start()
@@ -154,10 +153,25 @@ class Run:
             self.children.remove(child)
             _, began = self.running.pop(step.name)
             verdict = {0: "passed", SKIPPED: "skipped"}.get(child.returncode, "FAILED")
+            if verdict == "skipped" and not self.may_skip(step):
+                verdict = "FAILED"
             outcome = Outcome(verdict, time.monotonic() - began, used.ru_utime + used.ru_stime)
             self.outcomes[step.name] = outcome
             self.say_end(step, outcome)
+            if verdict == "passed" and not self.skips(step):
+                self.prove(step)
             self.ended.notify()
+
+    def may_skip(self, step):
+        """Notes that a step was skipped, and says whether it may be. Its last line says why it was."""
+        *_, why = self.log(step).read_text(errors="replace").strip().splitlines() or [""]
+        return self.skip(step, why) == 0
+
+    def skip(self, step, why):
+        """Notes that a step was skipped. Returns the status of scripts/skip."""
+        command = [ROOT / "scripts" / "skip", f"step {step.name}: {why}"]
+        with self.log(step).open("a") as log:
+            return subprocess.run(command, env=self.environment_of(step), stderr=log).returncode
 
     def say_end(self, step, outcome):
         """Prints how a step ended: with its last words, or with all of them if it has failed."""
@@ -167,15 +181,6 @@ class Run:
         print(f"{outcome.verdict}  {step.name} ({outcome.wall_s:.0f} s) {sentence}", flush=True)
         if outcome.verdict == "FAILED":
             print("\n".join(f"    {line}" for line in said), flush=True)
-        elif outcome.verdict == "skipped":
-            self.note(step, sentence)
-        elif not self.skips(step):
-            self.prove(step)
-
-    def note(self, step, why):
-        """Adds the whole step to what was skipped."""
-        with self.skipped(step).open("a") as list_of_skips:
-            list_of_skips.write(f"step {step.name}: {why}\n")
 
     def say_progress(self):
         """Prints what runs, and for how long."""
@@ -186,6 +191,10 @@ class Run:
         """Ends the steps that run, with all that they have started."""
         for child in list(self.children):
             os.killpg(child.pid, signal.SIGTERM)
+
+    def environment_of(self, step):
+        """Returns the environment of a step: each has a list of its own of what it skips."""
+        return {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step))}
 
     def log(self, step):
         """Returns the file of the step's output."""

@@ -1,5 +1,6 @@
 """The steps of scripts/test run when what they read has changed, and only then."""
 
+import os
 import pathlib
 import re
 import subprocess
@@ -9,6 +10,7 @@ from unittest import mock
 
 import compiled
 import proof
+import quick
 import steps
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -22,6 +24,7 @@ class Checkout(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.root = pathlib.Path(folder.name) / "checkout"
         self.ran = pathlib.Path(folder.name) / "ran"
+        self.said = []
         self.steps = steps.load(pathlib.Path(__file__).with_name("steps.toml"))
         # The last file that each step reads, which is another one for most of them, and one that few read.
         everything = list(proof.files(ROOT))
@@ -36,7 +39,8 @@ class Checkout(unittest.TestCase):
         for patched in (
             mock.patch.object(proof, "CACHE", pathlib.Path(folder.name) / "cache"),
             mock.patch.object(proof, "machine", lambda: ""),
-            mock.patch.object(steps, "print", lambda *_, **__: None, create=True),
+            mock.patch.object(steps, "print", lambda *words, **_: self.said.append(" ".join(words)), create=True),
+            mock.patch.dict(os.environ, {"CI": ""}),
         ):
             patched.start()
             self.addCleanup(patched.stop)
@@ -44,8 +48,8 @@ class Checkout(unittest.TestCase):
     def run_all(self, *, everything=False):
         """Runs the steps, and returns the names of those that ran."""
         self.ran.write_text("")
-        with tempfile.TemporaryDirectory() as folder:
-            self.run_of_steps = steps.test(self.root, self.steps, pathlib.Path(folder), everything=everything)
+        folder = pathlib.Path(tempfile.mkdtemp(dir=self.ran.parent))
+        self.run_of_steps = steps.test(self.root, self.steps, folder, everything=everything)
         return set(self.ran.read_text().split())
 
     def step(self, name):
@@ -80,20 +84,31 @@ class Checkout(unittest.TestCase):
     def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
         self.step("build").command = "exit 3"
         ran = self.run_all()
-        lost = {"build", "unit", "documentation", "steps", "python", "guest-console", "guest-cameras"}
+        lost = {"build", "unit", "documentation", "steps", "python", "try-arm64", "try-armhf", "guest-console", "guest-cameras"}
         self.assertEqual(ran, {step.name for step in self.steps} - lost)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
+        self.assertIn("== FAILED: build,", self.said[-2])
         # What makes files for the lost steps runs again.
-        self.assertEqual(self.run_all(), {"guest", "package-amd64"})
+        self.assertEqual(self.run_all(), {"guest", "package-amd64", "package-arm64", "package-armhf"})
         self.assertEqual(self.run_of_steps.outcomes["build"].verdict, "FAILED")
 
     def test_what_is_skipped_is_listed_and_not_proven(self):
         self.step("guest").command = f"echo guest >>{self.ran}; echo it needs root; exit {steps.SKIPPED}"
         self.step("unit").command += '; echo "a test: it needs a camera" >>"$FACEWIRE_SKIPPED"'
         self.run_all()
-        self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 0)
-        ran = self.run_all()
-        self.assertEqual(ran & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
+        self.assertEqual(steps.conclude(self.run_of_steps, ["licences"], 0.0), 0)
+        listed = self.said[-1].splitlines()
+        cases = ["step guest-cameras: it needs guest", "step guest-cases: it needs guest", "step guest-console: it needs guest"]
+        self.assertEqual(listed, ["a test: it needs a camera", *cases, "step guest: it needs root", "step licences: not asked for"])
+        self.assertIn("== passed, 6 skipped", self.said[-2])
+        self.assertEqual(self.run_all() & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
+
+    def test_under_ci_a_step_may_not_skip_itself(self):
+        self.step("guest").command = f"echo it needs root; exit {steps.SKIPPED}"
+        with mock.patch.dict(os.environ, {"CI": "true"}):
+            self.run_all()
+        self.assertEqual(self.run_of_steps.outcomes["guest"].verdict, "FAILED")
+        self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
 
     def test_a_file_that_changes_while_a_step_runs_proves_nothing(self):
         self.step("licences").command += f"; echo changed >>{self.root}/{self.read_by('licences')}"
@@ -105,6 +120,24 @@ class Checkout(unittest.TestCase):
             step.command = f"mkdir {self.root}.lane-{step.lane}; rmdir {self.root}.lane-{step.lane}" if step.lane else "true"
         self.run_all()
         self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
+
+
+class Quick(unittest.TestCase):
+    """scripts/test quick checks what a change can break, and not the workbench."""
+
+    def test_a_change_checks_its_crate_and_what_depends_on_it(self):
+        packages = proof.workspace(ROOT)
+        for path, checked, unchecked in (
+            ("servo/src/lib.rs", {"facewire-servo", "facewire", "facewire-console"}, {"facewire-face", "facewire-bridge"}),
+            ("models/blendshapes.toml", {"facewire-face", "facewire", "facewire-python"}, {"facewire-packet", "facewire-servo"}),
+            ("tests/service.rs", {"facewire"}, {"facewire-servo"}),
+            ("console/page/app.js", {"facewire-console"}, {"facewire"}),
+        ):
+            changed = proof.owners(ROOT, packages, [path])[path]
+            affected = quick.with_dependents(packages, [changed])
+            self.assertTrue(checked <= affected and not unchecked & affected, (path, affected))
+            commands = quick.commands(packages, affected - {quick.WORKBENCH})
+            self.assertTrue(not any("fit" in argument for command in commands for argument in command), path)
 
 
 class Sources(unittest.TestCase):

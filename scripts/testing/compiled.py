@@ -34,7 +34,8 @@ def units(profile):
 def copy(source, target):
     """Adds to the folder `target` the registry crates of the folder `source` that it lacks. Returns the number of files."""
     count = 0
-    for fingerprints in sorted(source.rglob(".fingerprint")):
+    # target/PROFILE, target/TRIPLE/PROFILE
+    for fingerprints in [*source.glob("*/.fingerprint"), *source.glob("*/*/.fingerprint")]:
         for path in units(fingerprints.parent):
             to = target / path.relative_to(source)
             if to.exists():

@@ -12,12 +12,12 @@ fail() {
     exit 1
 }
 
-# await COMMAND...: waits until the command succeeds, for three minutes
+# await COMMAND...: waits until the command succeeds, for ten minutes
 await() {
     tries=0
     until "$@"; do
         tries=$((tries + 1))
-        [ $tries -lt 180 ] || fail "waited in vain for: $*"
+        [ $tries -lt 600 ] || fail "waited in vain for: $*"
         sleep 1
     done
 }

@@ -22,7 +22,7 @@ SO_TIMESTAMPNS = 35
 SO_RXQ_OVFL = 40
 
 # Longest wait for a state, in seconds. On a busy machine emulation is slow.
-PATIENCE_S = 180
+PATIENCE_S = 600
 
 
 def await_that(what, condition):

@@ -5,14 +5,13 @@ show_clip.py CAMERA FILM.avi PACKETS.csv SHOWN.csv FIRST END STEP
 
 CAMERA is uvc, the USB webcam, or mjpeg or yuyv, the format of a v4l2loopback camera. The frames are those from FIRST up to
 END, without END, by STEP. PACKETS.csv is what tests/packet_recorder.py records. When all frames were shown, SHOWN.csv gives
-the time of capture in the packets of each. The camera then stays, without another frame, until this program is ended.
+the time of capture in the packets of each. The last frame is then repeated until this program is ended.
 """
 
 import csv
 import fcntl
 import os
 import re
-import signal
 import struct
 import subprocess
 import sys
@@ -128,7 +127,9 @@ def main():
     with open(f"{shown}.new", "w", newline="") as file:
         csv.writer(file).writerows([("frame", "capture_us"), *rows])
     os.rename(f"{shown}.new", shown)
-    signal.pause()
+    while True:
+        time.sleep(AGAIN_S)
+        camera.show(numbers[-1])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 
 set -eu
 # Longest wait for a state, in seconds. On a busy machine the emulated service takes seconds for a frame.
-patience=180
+patience=600
 work=/run/case
 service='' decoder=''
 

@@ -167,7 +167,7 @@ fn a_face_that_is_cut_off_is_told_where_the_coefficients_are_poor() {
 /// Runs a service whose camera plays this scene and then the clip. The status line must first name the impairment and
 /// then none, and the log must name its remedy once.
 fn assert_told(scene: &str, impairment: Impairment) {
-    let toml = format!("[camera]\ndevice = \"rehearsal: {scene} 8, live 3600\"\n");
+    let toml = format!("[camera]\ndevice = \"rehearsal: {scene} 20, live 3600\"\n");
     let (service, receiver) = Service::with_receiver(&toml);
     receiver.packet();
     for wanted in [impairment.name(), "none"].map(|name| format!(" impaired_by={name} ")) {

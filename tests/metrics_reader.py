@@ -23,14 +23,14 @@ class Connection(http.client.HTTPConnection):
 
     def __init__(self, listen):
         self.path = listen.removeprefix("unix:") if listen.startswith("unix:") else None
-        super().__init__("localhost" if self.path else listen, timeout=10)
+        super().__init__("localhost" if self.path else listen, timeout=60)
 
     def connect(self):
         if self.path is None:
             super().connect()
         else:
             self.sock = socket.socket(socket.AF_UNIX)
-            self.sock.settimeout(10)
+            self.sock.settimeout(60)
             self.sock.connect(self.path)
 
 

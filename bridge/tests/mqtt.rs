@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{Board, Bridge, Broker, SETUP, eventually, listener, python, sending};
+use common::{Board, Bridge, Broker, SETUP, listener, python, sending};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use serde_json::Value;
 
@@ -279,15 +279,6 @@ fn strangers_and_damaged_datagrams_are_counted_and_told() {
     listener.wait_for_json("facewire/bridge/health", is_counted);
 }
 
-/// What has come to the bridge's port and was not read yet, from the kernel's list of ports.
-fn queued_bytes(bridge: &Bridge) -> u32 {
-    let table = fs::read_to_string("/proc/net/udp").unwrap();
-    let address = format!("0100007F:{:04X}", bridge.port());
-    let line = table.lines().find(|line| line.contains(&address)).unwrap();
-    let queues = line.split_whitespace().nth(4).unwrap();
-    u32::from_str_radix(queues.split_once(':').unwrap().1, 16).unwrap()
-}
-
 #[test]
 fn of_50_boards_at_60_packets_a_second_nothing_is_lost_that_is_not_counted() {
     let Some(broker) = Broker::start() else { return };
@@ -300,7 +291,7 @@ fn of_50_boards_at_60_packets_a_second_nothing_is_lost_that_is_not_counted() {
         thread::sleep(Duration::from_micros(16_667));
     }
     // What is lost shows by the next packet that comes. This one comes, because nothing is before it.
-    eventually("that the bridge has read them all", || queued_bytes(&bridge) == 0);
+    bridge.reads_all();
     boards.iter_mut().for_each(Board::send);
     for (board, last) in boards.iter().zip(1..) {
         let health = format!("facewire/board_127_0_1_{last}/health");

@@ -5,7 +5,7 @@ mod common;
 
 use std::{env, fs::File, time::Duration};
 
-use common::{Board, Bridge, Program, SETUP, listener, python, sending};
+use common::{Board, Bridge, Program, SETUP, eventually, listener, python, sending};
 use facewire_packet::BLENDSHAPES;
 use serde_json::Value;
 
@@ -62,9 +62,12 @@ fn cyclonedds_reads_the_coefficients_by_arkits_names_and_in_silence_they_go_to_n
     assert_eq!(joints["header"]["frame_id"], "left_camera_optical_frame");
     drop(guard);
     sample(&mut blendshapes, "a closed jaw", |joints| jaw(joints) == 0.0);
-    blendshapes.seen.clear();
-    blendshapes.read_for(Duration::from_millis(500));
-    assert!(blendshapes.seen.is_empty(), "then the topic rests");
+    // On a busy machine, the bridge may read the last packets only after it has found the board silent.
+    eventually("that the topic rests", || {
+        blendshapes.seen.clear();
+        blendshapes.read_for(Duration::from_millis(500));
+        blendshapes.seen.is_empty()
+    });
 }
 
 #[test]
@@ -94,13 +97,19 @@ fn who_comes_late_learns_whether_there_is_a_face_and_sigterm_says_that_there_is_
     let mut face = listen("std_msgs/Bool", "/facewire/left/face");
     let guard = sending(vec![left]);
     sample(&mut face, "a face", |face| face["data"] == true);
-    let mut late = listen("std_msgs/Bool", "/facewire/left/face");
-    sample(&mut late, "the face again", |face| face["data"] == true);
-    assert_eq!(late.seen.len(), 1, "the last state alone");
-    bridge.program.signal("TERM");
-    sample(&mut face, "no face", |face| face["data"] == false);
-    assert!(bridge.program.ends().success());
     drop(guard);
+    bridge.reads_all();
+    // Of diagnostics, nobody learns what was published before.
+    let mut diagnostics = listen("diagnostic_msgs/DiagnosticArray", "/diagnostics");
+    sample(&mut diagnostics, "that the board is away", |report| report["status"][0]["level"] == 3);
+    let mut late = listen("std_msgs/Bool", "/facewire/left/face");
+    sample(&mut late, "that there is no face", |face| face["data"] == false);
+    assert_eq!(late.seen.len(), 1, "the last state alone");
+    let _guard = sending(vec![bridge.board(1)]);
+    sample(&mut late, "a face again", |face| face["data"] == true);
+    bridge.program.signal("TERM");
+    sample(&mut late, "no face", |face| face["data"] == false);
+    assert!(bridge.program.ends().success());
 }
 
 #[test]

@@ -353,7 +353,7 @@ mod tests {
     #[test]
     fn a_board_that_restarts_gets_nothing_and_then_the_preamble_once_and_only_then_its_port_keeps_dtr() {
         let (mut board, tty) = TTYPort::pair().unwrap();
-        board.set_timeout(Duration::from_secs(10)).unwrap();
+        board.set_timeout(Duration::from_mins(1)).unwrap();
         let device = PathBuf::from(tty.name().unwrap());
         let open = || rustix::fs::open(&device, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap();
         let other = open();

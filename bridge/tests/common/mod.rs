@@ -137,6 +137,17 @@ impl Bridge {
     pub fn board(&self, last: u8) -> Board {
         Board::new(last, self.port())
     }
+
+    /// Waits until the bridge has read all that has come to its port.
+    pub fn reads_all(&self) {
+        let address = format!("0100007F:{:04X}", self.port());
+        eventually("that the bridge reads", || {
+            let table = fs::read_to_string("/proc/net/udp").unwrap();
+            let line = table.lines().find(|line| line.contains(&address)).unwrap();
+            // What is still to be sent, and what is still to be read, bytes.
+            line.split_whitespace().nth(4) == Some("00000000:00000000")
+        });
+    }
 }
 
 /// A simulated board with the address 127.0.1.x.

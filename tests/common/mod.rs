@@ -2,8 +2,10 @@
 #![allow(dead_code, unused_imports, reason = "each test uses some of them")]
 
 pub mod board;
+pub mod camera;
 pub mod coefficients;
 pub mod film;
+pub mod hooks;
 pub mod maestro;
 pub mod networks;
 pub mod points;

@@ -1,0 +1,406 @@
+//! Cameras that are and do what a test says, for a program that runs without any device (`tests/hooks/camera.c`).
+
+use std::env;
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread;
+
+use facewire::capture::{Clip, Source as _};
+use facewire_face::Pixels;
+use rustix::io::Errno;
+use tempfile::TempDir;
+
+use super::eventually;
+use super::film::demo_avi;
+use super::hooks::hook;
+use super::program::{Run, facewire};
+use super::service::{Receiver, Service};
+
+const FOLDER: &str = "CAMERAS";
+
+/// Values that a driver lists, each a pair: a width and a height, or the seconds and frames of an interval.
+#[derive(Debug, Clone, Copy)]
+pub enum Listing {
+    /// The driver does not list them, and has this one alone.
+    Unlisted([u32; 2]),
+    Discrete(&'static [[u32; 2]]),
+    Steps {
+        least: [u32; 2],
+        most: [u32; 2],
+        step: [u32; 2],
+    },
+    Continuous {
+        least: [u32; 2],
+        most: [u32; 2],
+    },
+}
+
+/// The clock by which a driver stamps frames. Times are in microseconds.
+#[derive(Debug, Clone, Copy)]
+pub enum Clock {
+    Monotonic,
+    /// Stands still from the start of the stream.
+    Frozen,
+    /// Always shows this time.
+    Constant(i64),
+    /// The time of day, passed off as monotonic.
+    Realtime,
+    /// Ahead by this time; behind, if it is negative.
+    Offset(i64),
+    /// Goes at this percentage of the true rate.
+    Rate(i64),
+    /// Steps back by this time for every tenth frame.
+    StepsBack(i64),
+    /// Counts from 0 at the start of the stream.
+    FromStart,
+    /// Gives every second frame the time of the one before it.
+    Pairs,
+    /// The driver does not say which clock it is.
+    Unknown,
+    Copied,
+}
+
+/// The last frames of every so many: how many, and of how many.
+pub type Share = (u32, u32);
+
+/// A call of V4L2 (`STREAMON`), `open` or `mmap` that fails: always with `nth` 0, else once, at this call since the camera
+/// was described last.
+#[derive(Debug, Clone, Copy)]
+pub struct Failure {
+    pub call: &'static str,
+    pub error: Errno,
+    pub nth: u32,
+}
+
+/// A camera. The default is an honest webcam, which sends grey pictures without a face in YUYV, 640x480 at 30 fps.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    pub card: &'static str,
+    pub driver: &'static str,
+    pub bus: &'static str,
+    /// `V4L2_CAP_...` of the whole device, and of this node.
+    pub capabilities: [u32; 2],
+    pub formats: &'static [&'static str],
+    pub sizes: Listing,
+    pub intervals: Listing,
+    /// What the driver sets whatever it is asked for.
+    pub granted_format: Option<&'static str>,
+    pub granted_size: Option<[u32; 2]>,
+    pub granted_interval: Option<[u32; 2]>,
+    /// The interval at which frames really come, whatever the driver says.
+    pub pace: Option<[u32; 2]>,
+    pub stride: Option<u32>,
+    pub image_bytes: Option<u32>,
+    pub colorspace: u32,
+    pub quantization: u32,
+    pub field: u32,
+    /// A folder that [`Cameras::film`] has made. Without it, the pictures are grey.
+    pub frames: Option<PathBuf>,
+    /// So many frames come after the start of the stream, and then silence.
+    pub limit: Option<u32>,
+    /// Frames that are lost on the way, that the driver marks as damaged, that hold no byte, and that are cut in half.
+    pub lost: Share,
+    pub marked: Share,
+    pub empty: Share,
+    pub cut: Share,
+    /// The number of the first frame, and the distance to the next.
+    pub sequence: [u32; 2],
+    pub clock: Clock,
+    pub failures: Vec<Failure>,
+}
+
+pub const VIDEO_CAPTURE: u32 = 0x1;
+pub const VIDEO_CAPTURE_MPLANE: u32 = 0x1000;
+pub const META_CAPTURE: u32 = 0x80_0000;
+pub const STREAMING: u32 = 0x400_0000;
+pub const DEVICE_CAPS: u32 = 0x8000_0000;
+/// A fast camera, so that a test of many frames takes little time.
+pub const FPS_120: Listing = Listing::Discrete(&[[1, 120]]);
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self {
+            card: "Simulated camera",
+            driver: "uvcvideo",
+            bus: "usb-0000:01:00.0-1.2",
+            capabilities: [VIDEO_CAPTURE | STREAMING | DEVICE_CAPS, VIDEO_CAPTURE | STREAMING],
+            formats: &["YUYV"],
+            sizes: Listing::Discrete(&[[640, 480]]),
+            intervals: Listing::Discrete(&[[1, 30]]),
+            granted_format: None,
+            granted_size: None,
+            granted_interval: None,
+            pace: None,
+            stride: None,
+            image_bytes: None,
+            colorspace: 8,
+            quantization: 0,
+            field: 1,
+            frames: None,
+            limit: None,
+            lost: (0, 0),
+            marked: (0, 0),
+            empty: (0, 0),
+            cut: (0, 0),
+            sequence: [0, 1],
+            clock: Clock::Monotonic,
+            failures: Vec::new(),
+        }
+    }
+}
+
+impl Camera {
+    /// A camera of which this call always fails.
+    pub fn failing(call: &'static str, error: Errno) -> Self {
+        Self { failures: vec![Failure { call, error, nth: 0 }], ..Self::default() }
+    }
+
+    /// A camera on no USB bus.
+    pub fn built_in() -> Self {
+        Self { driver: "vivid", bus: "platform:vivid-000", ..Self::default() }
+    }
+
+    /// The description that `tests/hooks/camera_description.h` reads.
+    fn describe(&self) -> String {
+        let [capabilities, device_capabilities] = self.capabilities;
+        let [first, step] = self.sequence;
+        let mut text = format!("card {}\ndriver {}\nbus {}\n", self.card, self.driver, self.bus);
+        writeln!(text, "capabilities {capabilities}\ndevice_capabilities {device_capabilities}").unwrap();
+        writeln!(text, "formats {}", self.formats.join(" ")).unwrap();
+        writeln!(text, "sizes {}\nintervals {}", self.sizes.describe('x'), self.intervals.describe('/')).unwrap();
+        writeln!(text, "colorspace {}\nquantization {}", self.colorspace, self.quantization).unwrap();
+        writeln!(text, "field {}\nsequence {first} {step}\nclock {}", self.field, self.clock.describe()).unwrap();
+        let pair = |[first, second]: [u32; 2], sign| format!("{first}{sign}{second}");
+        let options = [
+            ("granted_format", self.granted_format.map(str::to_owned)),
+            ("granted_size", self.granted_size.map(|size| pair(size, 'x'))),
+            ("granted_interval", self.granted_interval.map(|interval| pair(interval, '/'))),
+            ("pace", self.pace.map(|interval| pair(interval, '/'))),
+            ("stride", self.stride.map(|number| number.to_string())),
+            ("image_bytes", self.image_bytes.map(|number| number.to_string())),
+            ("frames", self.frames.as_ref().map(|folder| folder.display().to_string())),
+            ("limit", self.limit.map(|number| number.to_string())),
+        ];
+        for (key, value) in options {
+            text.extend(value.map(|value| format!("{key} {value}\n")));
+        }
+        for (key, (count, of)) in
+            [("lost", self.lost), ("marked", self.marked), ("empty", self.empty), ("short", self.cut)]
+        {
+            writeln!(text, "{key} {count} {of}").unwrap();
+        }
+        for Failure { call, error, nth } in &self.failures {
+            writeln!(text, "fail {call} {} {nth}", error.raw_os_error()).unwrap();
+        }
+        text
+    }
+}
+
+impl Listing {
+    fn describe(self, sign: char) -> String {
+        let (name, pairs) = match self {
+            Self::Unlisted(only) => ("none", vec![only]),
+            Self::Discrete(pairs) => ("discrete", pairs.to_vec()),
+            Self::Steps { least, most, step } => ("steps", vec![least, most, step]),
+            Self::Continuous { least, most } => ("continuous", vec![least, most]),
+        };
+        let pairs = pairs.iter().map(|[first, second]| format!(" {first}{sign}{second}"));
+        name.to_owned() + &pairs.collect::<String>()
+    }
+}
+
+impl Clock {
+    fn describe(self) -> String {
+        let (name, number) = match self {
+            Self::Monotonic => ("monotonic", 0),
+            Self::Frozen => ("frozen", 0),
+            Self::Constant(time_us) => ("constant", time_us),
+            Self::Realtime => ("realtime", 0),
+            Self::Offset(time_us) => ("offset", time_us),
+            Self::Rate(percent) => ("rate", percent),
+            Self::StepsBack(time_us) => ("steps-back", time_us),
+            Self::FromStart => ("from-start", 0),
+            Self::Pairs => ("pairs", 0),
+            Self::Unknown => ("unknown", 0),
+            Self::Copied => ("copied", 0),
+        };
+        format!("{name} {number}")
+    }
+}
+
+/// The cameras of a simulated machine, in the folder from which the program takes them.
+pub struct Cameras {
+    folder: PathBuf,
+    /// Removes the folder at the end.
+    _owner: Option<TempDir>,
+}
+
+impl Cameras {
+    /// A machine with these cameras, from `/dev/video0` on.
+    pub fn with(cameras: &[Camera]) -> Self {
+        let owner = tempfile::tempdir().unwrap();
+        let folder = owner.path().canonicalize().unwrap();
+        for name in ["dev/v4l/by-id", "dev/v4l/by-path", "sys/class/video4linux", "calls"] {
+            fs::create_dir_all(folder.join(name)).unwrap();
+        }
+        let machine = Self { folder, _owner: Some(owner) };
+        (0..).zip(cameras).for_each(|(number, camera)| machine.plug(number, camera));
+        machine
+    }
+
+    /// Runs the calling test again in a process that has these cameras, and returns them there. Returns `None` in the first
+    /// process, after the other one has passed.
+    pub fn inside(cameras: &[Camera]) -> Option<Self> {
+        if let Some(folder) = env::var_os(FOLDER) {
+            return Some(Self { folder: folder.into(), _owner: None });
+        }
+        let machine = Self::with(cameras);
+        let mut this = Command::new(env::current_exe().unwrap());
+        this.args(["--exact", thread::current().name().unwrap(), "--nocapture"]);
+        Run::of(machine.prepare(&mut this)).succeeded();
+        None
+    }
+
+    fn node(&self, number: u32) -> PathBuf {
+        self.folder.join(format!("dev/video{number}"))
+    }
+
+    /// Plugs a camera in as `/dev/videoN`. One that is there is pulled out.
+    pub fn plug(&self, number: u32, camera: &Camera) {
+        let prepared = self.folder.join("prepared");
+        fs::write(&prepared, camera.describe()).unwrap();
+        fs::rename(&prepared, self.node(number)).unwrap();
+    }
+
+    pub fn unplug(&self, number: u32) {
+        fs::remove_file(self.node(number)).unwrap();
+    }
+
+    /// Lets the camera, which may be open, be and do something else from now on.
+    pub fn change(&self, number: u32, camera: &Camera) {
+        let mut node = File::options().write(true).open(self.node(number)).unwrap();
+        node.lock().unwrap();
+        node.set_len(0).unwrap();
+        node.write_all(camera.describe().as_bytes()).unwrap();
+    }
+
+    /// Makes a link in `/dev/v4l`, as udev does, or lets it lead to another camera.
+    pub fn link(&self, link: &str, number: u32) {
+        let link = self.folder.join("dev/v4l").join(link);
+        let _ = fs::remove_file(&link);
+        symlink(format!("../../video{number}"), link).unwrap();
+    }
+
+    /// The calls to a camera so far, a line each: `open`, `S_FMT YUYV 640x480`, `S_PARM 1/30`, `REQBUFS 4`, `STREAMON`,
+    /// `STREAMOFF`, `close`.
+    pub fn calls(&self, number: u32) -> String {
+        fs::read_to_string(self.folder.join(format!("calls/video{number}"))).unwrap_or_default()
+    }
+
+    /// Waits until the camera was called so often by this name.
+    pub fn await_calls(&self, number: u32, call: &str, count: usize) {
+        eventually(call, || self.calls(number).lines().filter(|line| *line == call).count() >= count);
+    }
+
+    /// Lets the command find these cameras, and none of this machine.
+    pub fn prepare<'a>(&self, command: &'a mut Command) -> &'a mut Command {
+        command.env("LD_PRELOAD", hook("camera")).env(FOLDER, &self.folder)
+    }
+
+    /// Runs the program to its end.
+    pub fn run(&self, arguments: &[&str]) -> Run {
+        Run::of(self.prepare(&mut facewire(arguments)))
+    }
+
+    /// Starts a service with these settings, and a receiver.
+    pub fn serve(&self, toml: &str) -> (Service, Receiver) {
+        let receiver = Receiver::new();
+        let service = Service::start_with(toml, &[receiver.address()], |command| self.prepare(command));
+        (service, receiver)
+    }
+
+    /// Writes frames, which [`Camera::frames`] shows in turn, into a folder of this name.
+    pub fn film(&self, name: &str, frames: &[Vec<u8>]) -> Option<PathBuf> {
+        let folder = self.folder.join(name);
+        fs::create_dir(&folder).unwrap();
+        for (number, frame) in frames.iter().enumerate() {
+            fs::write(folder.join(format!("{number:04}")), frame).unwrap();
+        }
+        Some(folder)
+    }
+}
+
+/// The first frames of the built-in clip, as JPEG images of 640x480 pixels.
+pub fn clip_jpegs(count: usize) -> Vec<Vec<u8>> {
+    let film = fs::read(demo_avi()).unwrap();
+    let chunks = film.windows(10).enumerate().filter(|(_, bytes)| bytes.starts_with(b"00dc") && bytes.ends_with(b"\xff\xd8"));
+    let image = |(at, bytes): (usize, &[u8])| {
+        let length = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
+        film[at + 8..][..length].to_vec()
+    };
+    chunks.take(count).map(image).collect()
+}
+
+/// The first frames of the built-in clip in a raw format, whose rows of luma are `stride` bytes long.
+pub fn clip_raw(fourcc: &str, stride: usize, count: usize) -> Vec<Vec<u8>> {
+    let mut clip = Clip::once().unwrap();
+    let mut frames = Vec::new();
+    for _ in 0..count {
+        let frame = clip.next().unwrap().unwrap();
+        let picture = frame.picture().unwrap();
+        let Pixels::Planar { planes: [luma, u, v], strides: [640, 320], .. } = picture.pixels else {
+            panic!("the clip is 4:2:2 without padding");
+        };
+        frames.push(raw(fourcc, stride, [luma, u, v]));
+    }
+    frames
+}
+
+/// Arranges the samples of a picture of 640x480 pixels, whose rows of chroma have 320 samples, as a format has them.
+fn raw(fourcc: &str, stride: usize, [luma, u, v]: [&[u8]; 3]) -> Vec<u8> {
+    let padded = |mut row: Vec<u8>, bytes: usize| {
+        row.resize(bytes, 0);
+        row
+    };
+    let chroma = |row: usize| u[row * 320..][..320].iter().zip(&v[row * 320..][..320]);
+    let luma = |row: usize| luma[row * 640..][..640].to_vec();
+    let luma_rows = (0..480).flat_map(|row| padded(luma(row), stride));
+    match fourcc {
+        "GREY" => luma_rows.collect(),
+        "NV12" => {
+            let pairs = |row: usize| chroma(row).flat_map(|(u, v)| [*u, *v]).collect();
+            luma_rows.chain((0..480).step_by(2).flat_map(|row| padded(pairs(row), stride))).collect()
+        }
+        "YU12" => {
+            let plane = |of: &[u8]| {
+                let rows = (0..480).step_by(2).flat_map(|row| padded(of[row * 320..][..320].to_vec(), stride / 2));
+                rows.collect::<Vec<u8>>()
+            };
+            let planes = [plane(u), plane(v)].concat();
+            luma_rows.chain(planes).collect()
+        }
+        "YUYV" | "UYVY" => {
+            let is_luma_first = fourcc == "YUYV";
+            let pixels = |row: usize| {
+                let luma = luma(row);
+                let pairs = luma.as_chunks::<2>().0.iter().zip(chroma(row));
+                let bytes = pairs.flat_map(|([first, second], (u, v))| match is_luma_first {
+                    true => [*first, *u, *second, *v],
+                    false => [*u, *first, *v, *second],
+                });
+                bytes.collect::<Vec<u8>>()
+            };
+            (0..480).flat_map(|row| padded(pixels(row), stride)).collect()
+        }
+        _ => panic!("no pixels in {fourcc}"),
+    }
+}
+
+/// Returns the path of a file that the program reads as one of the system.
+pub fn system_file(machine: &Cameras, path: &str) -> PathBuf {
+    machine.folder.join(Path::new(path).strip_prefix("/").unwrap())
+}

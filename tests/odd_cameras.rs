@@ -1,0 +1,355 @@
+//! Cameras and drivers of all kinds, honest and not, by the whole program. The cameras are simulated
+//! (`tests/hooks/camera.c`), so that no device and no privilege is needed.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs;
+
+use common::camera::{
+    Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE, clip_jpegs,
+    clip_raw, system_file,
+};
+use common::program::{Run, settings, text};
+use common::service::{Service, counted};
+use common::eventually;
+use facewire_packet::{Packet, Reason, State};
+use rustix::io::Errno;
+use rustix::process::Signal;
+
+const AUTO: &str = "[camera]\ndevice = \"auto\"\n";
+/// Frames of the built-in clip that a camera shows in turn: the face looks at it in all of them.
+const FILM: usize = 20;
+const IS_NO_FACE: fn(&Packet) -> bool = |packet| packet.reason == Reason::NoFace;
+const IS_NO_CAMERA: fn(&Packet) -> bool = |packet| packet.reason == Reason::NoCamera;
+
+fn settings_for(device: &str) -> String {
+    format!("[camera]\ndevice = \"{device}\"\n")
+}
+
+/// Checks these settings, which the camera must make fail with one sentence.
+fn refusal(machine: &Cameras, toml: &str) -> String {
+    let file = settings(toml);
+    machine.run(&["check", "--config", text(file.path())]).sentence(66).to_owned()
+}
+
+/// Returns the log with a status line of this moment.
+fn status(service: &Service) -> String {
+    let lines = service.logged(" cameras_opened=");
+    service.signal(Signal::USR1);
+    eventually("a status line", || service.logged(" cameras_opened=") > lines);
+    service.log()
+}
+
+/// A camera that shows the face of the built-in clip, plugged in as `/dev/video0`.
+fn face_in(machine: &Cameras, camera: Camera) -> Camera {
+    let frames = match (camera.formats[0], camera.stride) {
+        ("MJPG" | "JPEG", _) => clip_jpegs(FILM),
+        (format @ ("YUYV" | "UYVY"), stride) => clip_raw(format, stride.map_or(1280, |it| it as usize), FILM),
+        (format, stride) => clip_raw(format, stride.map_or(640, |it| it as usize), FILM),
+    };
+    let camera = Camera { frames: machine.film("film", &frames), ..camera };
+    machine.plug(0, &camera);
+    camera
+}
+
+#[test]
+fn every_format_shows_the_face_also_where_rows_are_padded() {
+    let table: [(&[&str], Option<u32>, &str); 8] = [
+        (&["YUYV"], None, "YUYV"),
+        (&["YUYV"], Some(1344), "YUYV"),
+        (&["NV12"], None, "NV12"),
+        (&["NV12"], Some(704), "NV12"),
+        (&["GREY"], None, "GREY"),
+        (&["GREY"], Some(648), "GREY"),
+        (&["MJPG"], None, "MJPEG"),
+        (&["JPEG"], None, "JPEG"),
+    ];
+    for (formats, stride, name) in table {
+        let machine = Cameras::with(&[]);
+        face_in(&machine, Camera { formats, stride, ..Camera::default() });
+        let (service, receiver) = machine.serve(AUTO);
+        receiver.live();
+        let log = status(&service);
+        let opened = format!("camera opened: Simulated camera (/dev/video0): {name} 640x480 at 30 fps");
+        assert!(log.contains(&opened), "{name}: {log}");
+        assert_eq!(counted(&log, "damaged"), 0, "{log}");
+    }
+}
+
+#[test]
+fn devices_lists_each_camera_with_its_modes_and_stable_path_and_no_other_node() {
+    let metadata = [VIDEO_CAPTURE | META_CAPTURE | STREAMING | DEVICE_CAPS, META_CAPTURE | STREAMING];
+    let (sizes, steps) = ([[640, 480], [320, 240]], ([32, 16], [1920, 1080], [2, 2]));
+    let (least, most, step) = steps;
+    let rates = Listing::Steps { least: [1, 60], most: [1, 5], step: [1, 60] };
+    let machine = Cameras::with(&[
+        Camera { card: "Webcam", formats: &["MJPG", "YUYV"], ..Camera::default() },
+        Camera { capabilities: metadata, ..Camera::default() },
+        Camera { card: "Two sizes", sizes: Listing::Discrete(&[[640, 480], [320, 240]]), ..Camera::built_in() },
+        Camera { sizes: Listing::Steps { least, most, step }, intervals: rates, ..Camera::built_in() },
+        Camera { sizes: Listing::Continuous { least, most }, formats: &["NV12"], ..Camera::built_in() },
+        Camera { sizes: Listing::Unlisted([352, 288]), formats: &["GREY"], ..Camera::built_in() },
+        Camera { intervals: Listing::Unlisted([1, 30]), ..Camera::built_in() },
+        Camera { card: "Bayer", formats: &["pBAA"], ..Camera::built_in() },
+        Camera { card: "Codec", driver: "bcm2835-codec", ..Camera::built_in() },
+        Camera::failing("open", Errno::ACCESS),
+    ]);
+    machine.link("by-id/usb-Webcam-video-index0", 0);
+    machine.link("by-path/platform-usb-0:1.2:1.0-video-index0", 0);
+    let out = machine.run(&["devices"]).succeeded().out;
+    let cameras = out.split("serial port").next().unwrap();
+    let want = format!(
+        "{}",
+        "camera /dev/video0 \"Webcam\" (uvcvideo)\n"
+    );
+    assert!(cameras.starts_with(&want), "{sizes:?}\n{out}");
+    panic!("{out}");
+}
+
+#[test]
+fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
+    let least = [16, 16];
+    let table = [
+        (Camera { sizes: Listing::Continuous { least, most: [4096, 4096] }, ..Camera::default() }, "YUYV 640x480 at 30 fps"),
+        (Camera { sizes: Listing::Unlisted([352, 288]), ..Camera::default() }, "YUYV 352x288 at 30 fps"),
+        (Camera { intervals: Listing::Unlisted([1, 30]), ..Camera::default() }, "YUYV 640x480\n"),
+        (Camera { granted_size: Some([320, 240]), ..Camera::default() }, "YUYV 320x240 at 30 fps"),
+        (Camera { granted_interval: Some([1, 15]), ..Camera::default() }, "YUYV 640x480 at 15 fps"),
+        (Camera { granted_format: Some("NV12"), ..Camera::default() }, "NV12 640x480 at 30 fps"),
+        (Camera::failing("S_PARM", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
+        (Camera::failing("ENUM_FRAMEINTERVALS", Errno::NOTTY), "YUYV 640x480\n"),
+        (Camera::failing("ENUM_FRAMESIZES", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
+    ];
+    for (camera, mode) in table {
+        let machine = Cameras::with(&[camera]);
+        let (service, receiver) = machine.serve(AUTO);
+        receiver.until(IS_NO_FACE);
+        assert!(service.log().contains(&format!("(/dev/video0): {mode}")), "{mode}: {}", service.log());
+    }
+}
+
+#[test]
+fn a_face_is_live_by_every_clock_that_says_when_a_frame_was_captured_or_says_that_it_does_not_know() {
+    let clocks = [
+        Clock::Monotonic,
+        Clock::Unknown,
+        Clock::Copied,
+        Clock::Realtime,
+        Clock::Offset(900_000),
+        Clock::Offset(-30_000),
+        Clock::Rate(101),
+        Clock::Rate(99),
+        Clock::Pairs,
+        Clock::StepsBack(20_000),
+    ];
+    for clock in clocks {
+        let machine = Cameras::with(&[]);
+        face_in(&machine, Camera { formats: &["MJPG"], clock, ..Camera::default() });
+        let (_service, receiver) = machine.serve(AUTO);
+        receiver.live();
+        eprintln!("{clock:?} live");
+    }
+}
+
+#[test]
+fn each_call_that_fails_is_one_sentence_with_a_remedy() {
+    let table = [
+        ("open", Errno::ACCESS, "no permission to open /dev/video0; add the user to the group `video`"),
+        ("open", Errno::BUSY, "/dev/video0 is in use by another program; stop that program"),
+        ("open", Errno::NODEV, "there is no camera; plug one in"),
+        ("QUERYCAP", Errno::NOTTY, "there is no camera; plug one in"),
+        ("ENUM_FMT", Errno::INVAL, "/dev/video0 does not offer YUYV, NV12, MJPEG, JPEG or GREY"),
+        ("G_FMT", Errno::INVAL, "there is no camera; plug one in"),
+        ("S_FMT", Errno::BUSY, "/dev/video0 is in use by another program; stop that program"),
+        ("S_FMT", Errno::IO, "the camera failed while setting its format: "),
+        ("REQBUFS", Errno::BUSY, "/dev/video0 is in use by another program; stop that program"),
+        ("REQBUFS", Errno::NOMEM, "the camera failed while starting it: "),
+        ("QUERYBUF", Errno::INVAL, "the camera failed while starting it: "),
+        ("mmap", Errno::NOMEM, "the camera failed while starting it: "),
+        ("QBUF", Errno::IO, "the camera failed while starting it: "),
+        ("STREAMON", Errno::NOSPC, "/dev/video0 cannot start, because its USB bus has no bandwidth left"),
+        ("STREAMON", Errno::NODEV, "the camera is gone; plug it in again"),
+        ("DQBUF", Errno::IO, "the camera failed while starting it: "),
+    ];
+    for (call, error, sentence) in table {
+        let machine = Cameras::with(&[Camera::failing(call, error)]);
+        let said = refusal(&machine, AUTO);
+        assert!(said.starts_with(sentence), "{call}, {error}: {said}");
+    }
+}
+
+#[test]
+fn what_is_no_camera_or_lacks_the_format_is_one_sentence() {
+    let metadata = [VIDEO_CAPTURE | META_CAPTURE | STREAMING | DEVICE_CAPS, META_CAPTURE | STREAMING];
+    let machine = Cameras::with(&[
+        Camera { card: "UVC Camera", formats: &["MJPG"], ..Camera::default() },
+        Camera { capabilities: metadata, ..Camera::default() },
+        Camera { field: 77, ..Camera::built_in() },
+    ]);
+    let format = |device, format| format!("{}format = \"{format}\"\n", settings_for(device));
+    for (toml, sentence) in [
+        (settings_for("/dev/video7"), "no camera is called /dev/video7; `facewire devices` lists"),
+        (settings_for("/dev/video1"), "/dev/video1 is not a camera that captures pictures; `facewire devices` lists"),
+        (settings_for("webcam"), "no camera is called webcam; there is UVC Camera (/dev/video0)"),
+        (format("/dev/video0", "yuyv"), "/dev/video0 does not offer YUYV; set camera.format to a format it offers (MJPEG)"),
+        (
+            settings_for("/dev/video2"),
+            "the driver of /dev/video2 returned a value that the kernel does not define (Invalid field order: 77); use another",
+        ),
+    ] {
+        let said = refusal(&machine, &toml);
+        assert!(said.starts_with(sentence), "{said}");
+    }
+    machine.unplug(0);
+    let said = refusal(&machine, AUTO);
+    assert!(said.starts_with("the driver of /dev/video2 returned a value"), "{said}");
+}
+
+#[test]
+fn a_machine_without_cameras_says_so() {
+    let machine = Cameras::with(&[]);
+    assert!(refusal(&machine, AUTO).starts_with("there is no camera; plug one in"));
+    assert!(machine.run(&["devices"]).succeeded().out.starts_with("no camera\n"));
+}
+
+#[test]
+fn a_busy_camera_is_passed_over_and_one_on_usb_comes_first() {
+    let busy = Camera { failures: Camera::failing("REQBUFS", Errno::BUSY).failures, ..Camera::built_in() };
+    let machine = Cameras::with(&[busy, Camera::built_in()]);
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    let passed = "camera opened: Simulated camera (/dev/video1; passed over /dev/video0, because /dev/video0 is in use by \
+                  another program";
+    assert!(service.log().contains(passed), "{}", service.log());
+    drop(service);
+    machine.plug(2, &Camera { card: "Webcam", ..Camera::default() });
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    assert!(service.log().contains("camera opened: Webcam (/dev/video2): "), "{}", service.log());
+}
+
+#[test]
+fn a_camera_that_comes_back_with_another_number_is_found_by_its_name_and_by_its_socket() {
+    let camera = Camera { card: "UVC Camera", intervals: FPS_120, ..Camera::default() };
+    let socket = "by-path/platform-usb-0:1:1.0-video-index0";
+    for device in ["uvc camera", &format!("/dev/v4l/{socket}")] {
+        let machine = Cameras::with(&[camera.clone()]);
+        machine.link(socket, 0);
+        let (service, receiver) = machine.serve(&settings_for(device));
+        receiver.until(IS_NO_FACE);
+        machine.unplug(0);
+        receiver.until(IS_NO_CAMERA);
+        service.await_log("camera lost: the camera is gone; plug it in again");
+        machine.plug(1, &camera);
+        machine.link(socket, 1);
+        receiver.until(IS_NO_FACE);
+        let log = service.log();
+        let opened = ["/dev/video0", "/dev/video1"].map(|node| log.matches(&format!("opened: UVC Camera ({node})")).count());
+        assert_eq!(opened, [1, 1], "{device}: {log}");
+    }
+}
+
+#[test]
+fn a_camera_that_falls_silent_is_closed_and_opened_again() {
+    let camera = Camera { intervals: FPS_120, ..Camera::default() };
+    let machine = Cameras::with(&[camera.clone()]);
+    let (service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
+    receiver.until(IS_NO_FACE);
+    machine.change(0, &Camera { limit: Some(0), ..camera.clone() });
+    receiver.until(IS_NO_CAMERA);
+    service.await_log("camera lost: the camera sent nothing for 100 ms; check its cable and USB bandwidth");
+    machine.change(0, &camera);
+    receiver.until(IS_NO_FACE);
+    assert_eq!(counted(&status(&service), "cameras_opened"), 2);
+    let calls = machine.calls(0);
+    let opened = calls.lines().filter(|call| *call == "open").count();
+    let closed = calls.lines().filter(|call| *call == "close").count();
+    assert_eq!(opened, closed + 1, "each camera but the last is closed: {calls}");
+}
+
+#[test]
+fn after_an_error_of_the_driver_the_camera_is_opened_again() {
+    let camera = Camera { intervals: FPS_120, ..Camera::default() };
+    for (call, error, sentence) in [
+        ("DQBUF", Errno::IO, "camera lost: the camera failed while sending frames: Input/output error"),
+        ("QBUF", Errno::IO, "camera lost: the camera failed while sending frames: Input/output error"),
+        ("DQBUF", Errno::NODEV, "camera lost: the camera is gone; plug it in again"),
+    ] {
+        let machine = Cameras::with(&[camera.clone()]);
+        let (service, receiver) = machine.serve(AUTO);
+        receiver.until(IS_NO_FACE);
+        machine.change(0, &Camera { failures: vec![Failure { call, error, nth: 1 }], ..camera.clone() });
+        service.await_log(sentence);
+        eventually("the camera", || service.logged("camera opened: ") == 2);
+        receiver.until(IS_NO_FACE);
+    }
+}
+
+#[test]
+fn a_camera_that_cannot_be_stopped_ends_the_service() {
+    let camera = Camera { intervals: FPS_120, ..Camera::default() };
+    let machine = Cameras::with(&[camera.clone()]);
+    let (mut service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
+    receiver.until(IS_NO_FACE);
+    machine.change(0, &Camera { limit: Some(0), ..Camera::failing("STREAMOFF", Errno::IO) });
+    let status = service.child.wait().unwrap();
+    assert_eq!(status.code(), Some(69), "{}", service.log());
+    assert!(service.log().contains("/dev/video0 cannot be stopped: Input/output error"), "{}", service.log());
+}
+
+#[test]
+fn damaged_frames_are_counted_and_left_out_whatever_is_wrong_with_them() {
+    let machine = Cameras::with(&[]);
+    let film = machine.film("film", &clip_jpegs(FILM));
+    let jpeg = Camera { formats: &["MJPG"], frames: film, intervals: FPS_120, ..Camera::default() };
+    let raw = Camera { intervals: FPS_120, ..Camera::default() };
+    for camera in [
+        Camera { marked: (1, 5), ..raw.clone() },
+        Camera { cut: (1, 5), ..raw.clone() },
+        Camera { empty: (1, 5), ..raw },
+        Camera { cut: (1, 5), ..jpeg.clone() },
+        Camera { empty: (1, 5), ..jpeg },
+    ] {
+        machine.plug(0, &camera);
+        let (service, receiver) = machine.serve(AUTO);
+        receiver.until(IS_NO_FACE);
+        eventually("damaged frames", || counted(&status(&service), "damaged") >= 5);
+        assert_eq!(counted(&service.log(), "cameras_opened"), 1, "{}", service.log());
+    }
+}
+
+#[test]
+fn a_camera_of_damaged_frames_is_none_until_it_sends_pictures() {
+    let machine = Cameras::with(&[]);
+    let camera = Camera { intervals: FPS_120, ..Camera::default() };
+    machine.plug(0, &camera);
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    machine.change(0, &Camera { cut: (1, 1), ..camera.clone() });
+    receiver.until(IS_NO_CAMERA);
+    // Three attempts to open the camera, each of which gives up after 8 damaged frames.
+    eventually("damaged frames", || counted(&status(&service), "damaged") >= 24);
+    machine.change(0, &camera);
+    receiver.until(IS_NO_FACE);
+    let log = status(&service);
+    assert_eq!(counted(&log, "cameras_opened"), 2, "{log}");
+    let told = ["camera lost: 8 frames in a row were bad", "no camera: 8 frames in a row were bad"];
+    assert_eq!(told.map(|line| log.matches(line).count()).iter().sum::<usize>(), 1, "{log}");
+}
+
+#[test]
+fn frames_that_a_driver_loses_are_reported_as_missing_until_none_is_lost() {
+    let camera = Camera { formats: &["GREY"], sizes: Listing::Discrete(&[[320, 240]]), ..Camera::default() };
+    let machine = Cameras::with(&[Camera { lost: (2, 3), ..camera.clone() }]);
+    let (service, _receiver) = machine.serve(AUTO);
+    let impaired_by = |name: &str| {
+        eventually(name, || {
+            status(&service).lines().rfind(|line| line.contains(" impaired_by=")).unwrap().contains(&format!(" impaired_by={name} "))
+        });
+    };
+    impaired_by("missing-frames");
+    assert_eq!(service.logged("frames get lost or damaged between camera and board"), 1, "{}", service.log());
+    machine.change(0, &camera);
+    impaired_by("none");
+}

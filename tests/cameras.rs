@@ -1,73 +1,49 @@
-//! Cameras of a real kernel. `tests/guest/cameras` runs these tests as root in a virtual machine with the driver vivid. A
-//! plain `cargo test` leaves them out, because they change devices of the system.
+//! What the capture code promises of a camera, in a process that has a simulated one (`tests/hooks/camera.c`).
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
-use std::process::Command;
-use std::thread::{sleep, spawn};
+mod common;
+
 use std::time::Duration;
 
-use facewire::capture::v4l2::{CameraSource, PixelFormat, Wish};
+use common::camera::{Camera, Cameras, FPS_120};
+use common::eventually;
+use facewire::capture::v4l2::{CameraSource, Wish};
 use facewire::capture::{CaptureError, FrameFault, FrameRate, Source, monotonic_us};
 
-const TIMEOUT: Duration = Duration::from_secs(2);
+const TIMEOUT: Duration = Duration::from_millis(200);
+const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
 
-fn wish(format: Option<PixelFormat>) -> Wish {
-    Wish { width: 640, height: 480, rate: FrameRate::new(25, 1).unwrap(), format }
+fn open() -> CameraSource {
+    CameraSource::open("/dev/video0", &WISH, TIMEOUT).unwrap()
 }
 
-fn open(device: &str, format: Option<PixelFormat>) -> Result<CameraSource, CaptureError> {
-    CameraSource::open(device, &wish(format), TIMEOUT)
+fn fast() -> Camera {
+    Camera { intervals: FPS_120, ..Camera::default() }
 }
 
-fn shell(command: &str) {
-    assert!(Command::new("sh").args(["-c", command]).status().unwrap().success(), "{command}");
-}
-
-/// Loads the driver of the test camera, or binds the camera to it again.
-fn plug_vivid() {
-    shell(
-        "modprobe vivid n_devs=1 node_types=0x1; cd /sys/bus/platform/drivers/vivid; [ -e vivid.0 ] || echo vivid.0 >bind",
-    );
-    shell("udevadm settle; v4l2-ctl -d /dev/video0 -c percentage_of_dropped_buffers=0");
-}
-
-fn vivid(control: &str) {
-    shell(&format!("v4l2-ctl -d /dev/video0 -c {control}"));
-}
-
-fn says<T>(outcome: Result<T, CaptureError>, text: &str) -> bool {
-    outcome.is_err_and(|error| error.to_string().contains(text))
-}
-
-fn failure(source: &mut CameraSource) -> CaptureError {
-    for _ in 0..2000 {
-        match source.next() {
-            Ok(_) | Err(CaptureError::Frame { .. }) => {}
-            Err(error) => return error,
-        }
-    }
-    panic!("the source does not fail");
+/// Waits until the clock shows this time.
+fn await_us(time_us: u64) {
+    eventually("the time", || monotonic_us() >= time_us);
 }
 
 #[test]
-#[ignore = "needs the test camera vivid"]
 fn a_slow_reader_gets_a_fresh_frame_and_the_number_of_skipped_ones() {
-    plug_vivid();
-    let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-    source.next().unwrap();
-    sleep(Duration::from_secs(1));
+    let Some(_cameras) = Cameras::inside(&[fast()]) else { return };
+    let mut source = open();
+    let period_us = source.frame_period_us().unwrap();
+    let captured_us = source.next().unwrap().unwrap().captured_us;
+    await_us(captured_us + 20 * period_us);
     let asked_us = monotonic_us();
     let captured_us = source.next().unwrap().unwrap().captured_us;
-    assert!(captured_us + 500_000 > asked_us, "{} us old", asked_us - captured_us);
+    assert!(captured_us + 3 * period_us > asked_us, "{} us old", asked_us - captured_us);
     let skipped = source.take_tally().for_newer;
     assert!(skipped >= 3, "{skipped}");
 }
 
 #[test]
-#[ignore = "needs the test camera vivid"]
 fn a_reader_of_every_third_frame_gets_no_other_and_the_others_are_left_out() {
-    plug_vivid();
-    let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
+    let Some(_cameras) = Cameras::inside(&[Camera::default()]) else { return };
+    let mut source = open();
     let period_us = source.frame_period_us().unwrap();
     let mut captured_us = source.next().unwrap().unwrap().captured_us;
     source.take_tally();
@@ -81,42 +57,32 @@ fn a_reader_of_every_third_frame_gets_no_other_and_the_others_are_left_out() {
     assert!((1..=10).contains(&left_out), "{left_out}");
 }
 
+/// The camera stops after the damaged frame, so that no later one takes its place.
 #[test]
-#[ignore = "needs the test camera vivid"]
 fn a_damaged_frame_is_an_error_and_the_next_one_is_intact() {
-    plug_vivid();
-    let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-    source.next().unwrap();
-    let breaker = spawn(|| vivid("inject_v4l2_buf_flag_error=1"));
-    let outcomes: Vec<_> = (0..100).map(|_| source.next().map(|_| ())).collect();
-    breaker.join().unwrap();
-    let faults: Vec<_> = outcomes.into_iter().filter_map(Result::err).collect();
-    assert!(matches!(faults[..], [CaptureError::Frame { fault: FrameFault::Marked, .. }]), "{faults:?}");
+    let damaged = Camera { marked: (1, 10), limit: Some(10), ..fast() };
+    let Some(cameras) = Cameras::inside(std::slice::from_ref(&damaged)) else { return };
+    let mut source = open();
+    let error = loop {
+        if let Err(error) = source.next() {
+            break error;
+        }
+    };
+    assert!(matches!(error, CaptureError::Frame { fault: FrameFault::Marked, number: 8 }), "{error:?}");
+    cameras.change(0, &Camera { limit: Some(11), ..damaged });
+    assert_eq!(source.next().unwrap().unwrap().number, 9);
 }
 
 #[test]
-#[ignore = "needs the test camera vivid"]
 fn a_silent_camera_has_stalled() {
-    plug_vivid();
-    let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-    vivid("percentage_of_dropped_buffers=100");
-    assert!(failure(&mut source).to_string().contains("sent nothing for 2000 ms"));
-}
-
-#[test]
-#[ignore = "needs the test camera vivid"]
-fn after_an_error_of_the_driver_the_camera_can_be_opened_again() {
-    plug_vivid();
-    for error in ["inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1"] {
-        let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-        vivid(error);
-        assert!(failure(&mut source).to_string().contains("the camera failed while"), "{error}");
-        drop(source);
-        assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
-    }
-    for error in ["inject_vidioc_reqbufs_error=1", "inject_vidioc_streamon_error=1"] {
-        vivid(error);
-        assert!(says(open("vivid", None), "the camera failed while"), "{error}");
-        assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
-    }
+    let Some(cameras) = Cameras::inside(&[fast()]) else { return };
+    let mut source = open();
+    source.next().unwrap();
+    cameras.change(0, &Camera { limit: Some(0), ..fast() });
+    let error = loop {
+        if let Err(error) = source.next() {
+            break error.to_string();
+        }
+    };
+    assert!(error.contains("sent nothing for 200 ms"), "{error}");
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::fs::symlink;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use std::thread;
 
@@ -21,6 +21,8 @@ use super::program::{Run, facewire};
 use super::service::{Receiver, Service};
 
 const FOLDER: &str = "CAMERAS";
+/// Frames of the built-in clip that a camera shows in turn.
+const CLIP_FRAMES: usize = 20;
 
 /// Values that a driver lists, each a pair: a width and a height, or the seconds and frames of an interval.
 #[derive(Debug, Clone, Copy)]
@@ -323,6 +325,19 @@ impl Cameras {
         (service, receiver)
     }
 
+    /// Plugs a camera in as `/dev/video0` that shows the face of the built-in clip in its first format.
+    pub fn show_clip(&self, camera: Camera) -> Camera {
+        let stride = camera.stride.map(|bytes| bytes as usize);
+        let frames = match camera.formats[0] {
+            "MJPG" | "JPEG" => clip_jpegs(CLIP_FRAMES),
+            format @ ("YUYV" | "UYVY") => clip_raw(format, stride.unwrap_or(1280), CLIP_FRAMES),
+            format => clip_raw(format, stride.unwrap_or(640), CLIP_FRAMES),
+        };
+        let camera = Camera { frames: self.film("clip", &frames), ..camera };
+        self.plug(0, &camera);
+        camera
+    }
+
     /// Writes frames, which [`Camera::frames`] shows in turn, into a folder of this name.
     pub fn film(&self, name: &str, frames: &[Vec<u8>]) -> Option<PathBuf> {
         let folder = self.folder.join(name);
@@ -337,7 +352,8 @@ impl Cameras {
 /// The first frames of the built-in clip, as JPEG images of 640x480 pixels.
 pub fn clip_jpegs(count: usize) -> Vec<Vec<u8>> {
     let film = fs::read(demo_avi()).unwrap();
-    let chunks = film.windows(10).enumerate().filter(|(_, bytes)| bytes.starts_with(b"00dc") && bytes.ends_with(b"\xff\xd8"));
+    let chunks =
+        film.windows(10).enumerate().filter(|(_, bytes)| bytes.starts_with(b"00dc") && bytes.ends_with(b"\xff\xd8"));
     let image = |(at, bytes): (usize, &[u8])| {
         let length = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
         film[at + 8..][..length].to_vec()
@@ -398,9 +414,4 @@ fn raw(fourcc: &str, stride: usize, [luma, u, v]: [&[u8]; 3]) -> Vec<u8> {
         }
         _ => panic!("no pixels in {fourcc}"),
     }
-}
-
-/// Returns the path of a file that the program reads as one of the system.
-pub fn system_file(machine: &Cameras, path: &str) -> PathBuf {
-    machine.folder.join(Path::new(path).strip_prefix("/").unwrap())
 }

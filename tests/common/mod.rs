@@ -6,6 +6,7 @@ pub mod camera;
 pub mod coefficients;
 pub mod film;
 pub mod hooks;
+pub mod interface;
 pub mod maestro;
 pub mod networks;
 pub mod points;

@@ -43,6 +43,7 @@
         hidden;                                                                                                        \
     })
 
+#define MOST_NODES 10
 #define MOST_OPEN 16
 #define MOST_BUFFERS 8
 #define VIDEO_MAJOR 81
@@ -65,12 +66,19 @@ struct queue {
     uint32_t buffers[MOST_BUFFERS];
 };
 
-struct camera {
-    /* 0 while this place is free. */
-    int descriptor;
+/* A camera as its file describes it, whoever has it open. */
+struct node {
     char name[8];
     char text[MOST_TEXT];
     struct description is;
+};
+
+/* A camera that is open. */
+struct camera {
+    /* 0 while this place is free. */
+    int descriptor;
+    const char *name;
+    struct description *is;
     uint32_t format, width, height, stride, image_bytes;
     /* Seconds and frames. */
     uint32_t interval[2];
@@ -83,6 +91,7 @@ struct camera {
     uint32_t frame;
 };
 
+static struct node nodes[MOST_NODES];
 static struct camera cameras[MOST_OPEN];
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
@@ -121,6 +130,15 @@ static int64_t clock_us(clockid_t clock)
     return time.tv_sec * 1000000LL + time.tv_nsec / 1000;
 }
 
+static struct node *node_of(const char *name)
+{
+    unsigned number = (unsigned)atoi(name + strlen("video"));
+    if (number >= MOST_NODES)
+        abort();
+    snprintf(nodes[number].name, sizeof nodes[number].name, "%s", name);
+    return &nodes[number];
+}
+
 /* Reads the description again if it has changed. */
 static void look(struct camera *camera)
 {
@@ -129,10 +147,11 @@ static void look(struct camera *camera)
     ssize_t bytes = pread(camera->descriptor, text, sizeof text - 1, 0);
     flock(camera->descriptor, LOCK_UN);
     text[bytes > 0 ? bytes : 0] = '\0';
-    if (!strcmp(text, camera->text))
+    struct node *node = node_of(camera->name);
+    if (!strcmp(text, node->text))
         return;
-    strcpy(camera->text, text);
-    read_description(&camera->is, text);
+    strcpy(node->text, text);
+    read_description(&node->is, text);
 }
 
 static int is_gone(const struct camera *camera)
@@ -162,8 +181,8 @@ __attribute__((format(printf, 2, 3))) static void note(const struct camera *came
 /* Returns the error with which this call is to fail, or 0. */
 static int failure(struct camera *camera, const char *call)
 {
-    for (uint32_t i = 0; i < camera->is.failure_count; i++) {
-        struct failure *failure = &camera->is.failures[i];
+    for (uint32_t i = 0; i < camera->is->failure_count; i++) {
+        struct failure *failure = &camera->is->failures[i];
         if (!strcmp(failure->call, call) && (++failure->calls == failure->nth || !failure->nth))
             return failure->error;
     }
@@ -174,7 +193,7 @@ static int failure(struct camera *camera, const char *call)
 
 static int is_multiplanar(const struct camera *camera)
 {
-    return (camera->is.device_capabilities & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0;
+    return (camera->is->device_capabilities & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0;
 }
 
 /* Whether the camera has buffers of this type. */
@@ -182,13 +201,13 @@ static int captures(const struct camera *camera, uint32_t type)
 {
     if (is_multiplanar(camera))
         return type == V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE;
-    return (camera->is.device_capabilities & V4L2_CAP_VIDEO_CAPTURE) && type == V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    return (camera->is->device_capabilities & V4L2_CAP_VIDEO_CAPTURE) && type == V4L2_BUF_TYPE_VIDEO_CAPTURE;
 }
 
 static int offers(const struct camera *camera, uint32_t format)
 {
-    for (uint32_t i = 0; i < camera->is.format_count; i++)
-        if (camera->is.formats[i] == format)
+    for (uint32_t i = 0; i < camera->is->format_count; i++)
+        if (camera->is->formats[i] == format)
             return 1;
     return 0;
 }
@@ -200,7 +219,7 @@ static uint32_t between(uint32_t value, uint32_t least, uint32_t most)
 
 static void choose_size(struct camera *camera, uint32_t width, uint32_t height)
 {
-    const struct list *sizes = &camera->is.sizes;
+    const struct list *sizes = &camera->is->sizes;
     const uint32_t *chosen = sizes->pairs[0];
     int64_t wanted = (int64_t)width * height;
     for (uint32_t i = 1; sizes->listing == DISCRETE && i < sizes->count; i++) {
@@ -214,9 +233,9 @@ static void choose_size(struct camera *camera, uint32_t width, uint32_t height)
         camera->width = between(width, sizes->pairs[0][0], sizes->pairs[1][0]);
         camera->height = between(height, sizes->pairs[0][1], sizes->pairs[1][1]);
     }
-    if (camera->is.granted_size[0]) {
-        camera->width = camera->is.granted_size[0];
-        camera->height = camera->is.granted_size[1];
+    if (camera->is->granted_size[0]) {
+        camera->width = camera->is->granted_size[0];
+        camera->height = camera->is->granted_size[1];
     }
 }
 
@@ -250,7 +269,7 @@ static uint32_t default_image_bytes(const struct camera *camera)
 
 static void choose_format(struct camera *camera, uint32_t format, uint32_t width, uint32_t height)
 {
-    const struct description *is = &camera->is;
+    const struct description *is = camera->is;
     camera->format = is->granted_format ? is->granted_format : offers(camera, format) ? format : is->formats[0];
     choose_size(camera, width, height);
     camera->stride = is->stride ? is->stride : default_stride(camera->format, camera->width);
@@ -264,7 +283,7 @@ static double seconds(const uint32_t interval[2])
 
 static void choose_interval(struct camera *camera, const uint32_t wanted[2])
 {
-    const struct list *intervals = &camera->is.intervals;
+    const struct list *intervals = &camera->is->intervals;
     const uint32_t *chosen = intervals->pairs[0];
     int has_wanted = wanted[0] && wanted[1];
     if (intervals->listing == DISCRETE) {
@@ -276,8 +295,8 @@ static void choose_interval(struct camera *camera, const uint32_t wanted[2])
     } else if (intervals->listing != NOT_LISTED && has_wanted && seconds(wanted) > seconds(intervals->pairs[0])) {
         chosen = seconds(wanted) < seconds(intervals->pairs[1]) ? wanted : intervals->pairs[1];
     }
-    if (camera->is.granted_interval[0])
-        chosen = camera->is.granted_interval;
+    if (camera->is->granted_interval[0])
+        chosen = camera->is->granted_interval;
     camera->interval[0] = chosen[0];
     camera->interval[1] = chosen[1];
 }
@@ -285,20 +304,20 @@ static void choose_interval(struct camera *camera, const uint32_t wanted[2])
 static int query_capabilities(struct camera *camera, struct v4l2_capability *answer)
 {
     memset(answer, 0, sizeof *answer);
-    memcpy(answer->card, camera->is.card, sizeof answer->card);
-    memcpy(answer->driver, camera->is.driver, sizeof answer->driver);
-    memcpy(answer->bus_info, camera->is.bus, sizeof answer->bus_info);
+    memcpy(answer->card, camera->is->card, sizeof answer->card);
+    memcpy(answer->driver, camera->is->driver, sizeof answer->driver);
+    memcpy(answer->bus_info, camera->is->bus, sizeof answer->bus_info);
     answer->version = 0x60100;
-    answer->capabilities = camera->is.capabilities;
-    answer->device_caps = camera->is.device_capabilities;
+    answer->capabilities = camera->is->capabilities;
+    answer->device_caps = camera->is->device_capabilities;
     return 0;
 }
 
 static int list_format(struct camera *camera, struct v4l2_fmtdesc *format)
 {
-    if (!captures(camera, format->type) || format->index >= camera->is.format_count)
+    if (!captures(camera, format->type) || format->index >= camera->is->format_count)
         return EINVAL;
-    uint32_t fourcc = camera->is.formats[format->index];
+    uint32_t fourcc = camera->is->formats[format->index];
     int is_jpeg = fourcc == V4L2_PIX_FMT_MJPEG || fourcc == V4L2_PIX_FMT_JPEG;
     format->pixelformat = fourcc;
     format->flags = is_jpeg ? V4L2_FMT_FLAG_COMPRESSED : 0;
@@ -309,7 +328,7 @@ static int list_format(struct camera *camera, struct v4l2_fmtdesc *format)
 
 static int list_size(struct camera *camera, struct v4l2_frmsizeenum *size)
 {
-    const struct list *sizes = &camera->is.sizes;
+    const struct list *sizes = &camera->is->sizes;
     if (sizes->listing == NOT_LISTED)
         return ENOTTY;
     if (!offers(camera, size->pixel_format) || size->index >= (sizes->listing == DISCRETE ? sizes->count : 1))
@@ -339,7 +358,7 @@ static struct v4l2_fract fraction(const uint32_t pair[2])
 
 static int list_interval(struct camera *camera, struct v4l2_frmivalenum *interval)
 {
-    const struct list *intervals = &camera->is.intervals;
+    const struct list *intervals = &camera->is->intervals;
     if (intervals->listing == NOT_LISTED)
         return ENOTTY;
     if (!offers(camera, interval->pixel_format) ||
@@ -367,9 +386,9 @@ static void state_format(const struct camera *camera, struct v4l2_format *format
         pixels->width = camera->width;
         pixels->height = camera->height;
         pixels->pixelformat = camera->format;
-        pixels->field = camera->is.field;
-        pixels->colorspace = camera->is.colorspace;
-        pixels->quantization = (uint8_t)camera->is.quantization;
+        pixels->field = camera->is->field;
+        pixels->colorspace = camera->is->colorspace;
+        pixels->quantization = (uint8_t)camera->is->quantization;
         pixels->num_planes = 1;
         pixels->plane_fmt[0].bytesperline = camera->stride;
         pixels->plane_fmt[0].sizeimage = camera->image_bytes;
@@ -379,9 +398,9 @@ static void state_format(const struct camera *camera, struct v4l2_format *format
     pixels->width = camera->width;
     pixels->height = camera->height;
     pixels->pixelformat = camera->format;
-    pixels->field = camera->is.field;
-    pixels->colorspace = camera->is.colorspace;
-    pixels->quantization = camera->is.quantization;
+    pixels->field = camera->is->field;
+    pixels->colorspace = camera->is->colorspace;
+    pixels->quantization = camera->is->quantization;
     pixels->priv = V4L2_PIX_FMT_PRIV_MAGIC;
     pixels->bytesperline = camera->stride;
     pixels->sizeimage = camera->image_bytes;
@@ -392,7 +411,7 @@ static int get_format(struct camera *camera, struct v4l2_format *format)
     if (!captures(camera, format->type))
         return EINVAL;
     if (!camera->width)
-        choose_format(camera, camera->is.formats[0], 640, 480);
+        choose_format(camera, camera->is->formats[0], 640, 480);
     state_format(camera, format);
     return 0;
 }
@@ -420,7 +439,7 @@ static int rate(struct camera *camera, struct v4l2_streamparm *parameters, int i
         note(camera, "S_PARM %u/%u\n", wanted[0], wanted[1]);
         choose_interval(camera, wanted);
     } else if (!camera->interval[0]) {
-        choose_interval(camera, camera->is.intervals.pairs[0]);
+        choose_interval(camera, camera->is->intervals.pairs[0]);
     }
     memset(capture, 0, sizeof *capture);
     capture->capability = V4L2_CAP_TIMEPERFRAME;
@@ -446,15 +465,15 @@ static uint32_t take_first(struct queue *queue)
 
 static int64_t period_us(const struct camera *camera)
 {
-    const uint32_t *pace = camera->is.pace[0] ? camera->is.pace : camera->interval;
+    const uint32_t *pace = camera->is->pace[0] ? camera->is->pace : camera->interval;
     return pace[0] * 1000000LL / pace[1];
 }
 
 /* Gives a frame that was captured at `true_us` the time that the camera's clock shows. */
 static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
 {
-    const char *clock = camera->is.clock;
-    int64_t number = camera->is.clock_number, since_us = true_us - camera->begun_us;
+    const char *clock = camera->is->clock;
+    int64_t number = camera->is->clock_number, since_us = true_us - camera->begun_us;
     buffer->flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
     buffer->time_us = true_us;
     if (!strcmp(clock, "monotonic"))
@@ -488,10 +507,10 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
 static void show(const struct camera *camera, struct buffer *buffer)
 {
     buffer->used = camera->image_bytes;
-    if (!camera->is.frame_count)
+    if (!camera->is->frame_count)
         return;
-    char path[sizeof camera->is.frames + 16];
-    snprintf(path, sizeof path, "%s/%04u", camera->is.frames, camera->frame % camera->is.frame_count);
+    char path[sizeof camera->is->frames + 16];
+    snprintf(path, sizeof path, "%s/%04u", camera->is->frames, camera->frame % camera->is->frame_count);
     int file = HIDDEN(open)(path, O_RDONLY | O_CLOEXEC);
     ssize_t bytes = read(file, buffer->memory, camera->image_bytes);
     if (bytes < 0)
@@ -505,12 +524,12 @@ static void fill(struct camera *camera, uint32_t index, int64_t true_us)
     struct buffer *buffer = &camera->buffers[index];
     stamp(camera, buffer, true_us);
     show(camera, buffer);
-    buffer->number = camera->is.first_number + camera->frame * camera->is.number_step;
-    if (is_hit(camera->is.marked, camera->frame))
+    buffer->number = camera->is->first_number + camera->frame * camera->is->number_step;
+    if (is_hit(camera->is->marked, camera->frame))
         buffer->flags |= V4L2_BUF_FLAG_ERROR;
-    if (is_hit(camera->is.empty, camera->frame))
+    if (is_hit(camera->is->empty, camera->frame))
         buffer->used = 0;
-    if (is_hit(camera->is.cut, camera->frame))
+    if (is_hit(camera->is->cut, camera->frame))
         buffer->used /= 2;
     append(&camera->filled, index);
 }
@@ -520,11 +539,11 @@ static void advance(struct camera *camera)
 {
     int64_t now_us = clock_us(CLOCK_MONOTONIC);
     for (; camera->is_streaming && camera->due_us <= now_us; camera->due_us += period_us(camera)) {
-        if (camera->frame >= camera->is.limit) {
+        if (camera->frame >= camera->is->limit) {
             camera->due_us = now_us;
             continue;
         }
-        if (camera->queued.count && !is_hit(camera->is.lost, camera->frame))
+        if (camera->queued.count && !is_hit(camera->is->lost, camera->frame))
             fill(camera, take_first(&camera->queued), camera->due_us);
         camera->frame++;
     }
@@ -581,7 +600,7 @@ static void state_buffer(const struct camera *camera, struct v4l2_buffer *answer
         answer->m.offset = offset;
     }
     answer->flags = buffer->flags | V4L2_BUF_FLAG_MAPPED;
-    answer->field = camera->is.field;
+    answer->field = camera->is->field;
     answer->sequence = buffer->number;
     answer->timestamp.tv_sec = buffer->time_us / 1000000;
     answer->timestamp.tv_usec = buffer->time_us % 1000000;
@@ -632,7 +651,7 @@ static int start(struct camera *camera)
     if (!camera->buffer_count)
         return EINVAL;
     if (!camera->interval[0])
-        choose_interval(camera, camera->is.intervals.pairs[0]);
+        choose_interval(camera, camera->is->intervals.pairs[0]);
     camera->begun_us = clock_us(CLOCK_MONOTONIC);
     camera->due_us = camera->begun_us + period_us(camera);
     camera->last_stamp_us = camera->begun_us;
@@ -736,8 +755,8 @@ static int open_camera(const char *path, int descriptor)
     while (camera->descriptor)
         if (++camera == cameras + MOST_OPEN)
             abort();
-    *camera = (struct camera){ .descriptor = descriptor };
-    snprintf(camera->name, sizeof camera->name, "%s", path + strlen("/dev/"));
+    struct node *node = node_of(path + strlen("/dev/"));
+    *camera = (struct camera){ .descriptor = descriptor, .name = node->name, .is = &node->is };
     look(camera);
     note(camera, "open\n");
     int error = failure(camera, "open");

@@ -1,0 +1,50 @@
+//! A network interface of the test's own, in a namespace of the kernel that has no other network.
+
+use std::env;
+use std::process::Command;
+
+use super::program::Run;
+use super::skip;
+
+const INSIDE: &str = "FACEWIRE_TEST_NETWORK";
+/// Prepares the namespace: the interface is one end of a cable, and the other end is always up.
+const PREPARE: &str = "ip link set lo up && ip link add face0 type veth peer name face1 && \
+                       ip address add 10.77.0.1/24 dev face0 && ip link set face1 up && ip link set face0 up";
+
+/// The interface `face0` with the address [`Interface::ADDRESS`].
+pub struct Interface;
+
+impl Interface {
+    pub const ADDRESS: &str = "10.77.0.1";
+
+    /// Runs this test, the calling one, again in a namespace with this interface alone, and returns it there. Returns `None` in the
+    /// first process, after the other one has passed, or after the test was skipped because this machine allows no
+    /// namespace.
+    pub fn inside(test: &str) -> Option<Self> {
+        if env::var_os(INSIDE).is_some() {
+            return Some(Self);
+        }
+        if Run::of(&mut isolated(&["true"])).status != Some(0) {
+            skip("this machine allows no network of its own to a test (unshare --user --net, ip link add type veth)");
+            return None;
+        }
+        let program = env::current_exe().unwrap();
+        let mut this = isolated(&[program.to_str().unwrap(), "--exact", test, "--nocapture"]);
+        Run::of(this.env(INSIDE, "1")).succeeded();
+        None
+    }
+
+    pub fn set(&self, state: &str) {
+        let arguments = ["link", "set", "face0", state];
+        Run::of(Command::new("ip").args(arguments)).succeeded();
+    }
+}
+
+/// Runs these words in a new namespace that was prepared.
+fn isolated(words: &[&str]) -> Command {
+    let mut command = Command::new("unshare");
+    command
+        .args(["--user", "--map-root-user", "--net", "sh", "-c", &format!("{PREPARE} && exec \"$@\""), "sh"])
+        .args(words);
+    command
+}

@@ -1,0 +1,62 @@
+//! Serial drivers that set another rate than they are asked for, and networks that go away, by the whole program.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::net::UdpSocket;
+
+use common::board::Board;
+use common::eventually;
+use common::hooks::hook;
+use common::interface::Interface;
+use common::service::{NO_CAMERA, Receiver, Service};
+use rustix::termios::tcgetattr;
+
+/// Starts a service with a serial link at this rate, over a driver whose UART divides `base`.
+fn serve_serial(board: &Board, baud: u32, base: u32) -> Service {
+    let link = format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\nbaud = {baud}\n", board.device.display());
+    let toml = [NO_CAMERA, &link].concat();
+    Service::start_with(&toml, &[], |command| {
+        command.env("LD_PRELOAD", hook("serial")).env("SERIAL_BASE_BAUD", base.to_string())
+    })
+}
+
+#[test]
+fn a_serial_link_runs_at_two_million_baud_if_the_driver_makes_this_rate() {
+    let mut board = Board::plugged_in();
+    let port = board.port();
+    let service = serve_serial(&board, 2_000_000, 24_000_000);
+    eventually("packets", || !board.packets().is_empty());
+    let modes = tcgetattr(&port).unwrap();
+    assert_eq!((modes.input_speed(), modes.output_speed()), (2_000_000, 2_000_000));
+    assert_eq!(service.logged("at 2000000 baud"), 1, "{}", service.log());
+    assert_eq!(service.logged("WARN link"), 0, "{}", service.log());
+}
+
+#[test]
+fn packets_come_again_when_the_interface_is_back_and_its_loss_is_reported_once() {
+    let Some(interface) =
+        Interface::inside("packets_come_again_when_the_interface_is_back_and_its_loss_is_reported_once")
+    else {
+        return;
+    };
+    let far = UdpSocket::bind((Interface::ADDRESS, 0)).unwrap();
+    let far = Receiver(far);
+    let near = Receiver::new();
+    far.0.set_read_timeout(Some(common::PATIENCE)).unwrap();
+    let service = Service::start(NO_CAMERA, &[far.address(), near.address()]);
+    far.packet();
+    for times in 1..=2 {
+        interface.set("down");
+        eventually("a word about the network", || {
+            near.packet();
+            service.status().matches("the network takes no packets").count() == times
+        });
+        far.rest();
+        let before = near.rest().len();
+        (0..5).for_each(|_| drop(near.packet()));
+        assert!(far.rest().is_empty(), "{before}");
+        interface.set("up");
+        far.packet();
+    }
+}

@@ -12,7 +12,6 @@ use common::program::{settings, text};
 use common::service::counted;
 use facewire_packet::{Packet, Reason};
 use rustix::io::Errno;
-use rustix::process::Signal;
 
 const AUTO: &str = "[camera]\ndevice = \"auto\"\n";
 const FILM: usize = 20;

@@ -6,10 +6,10 @@ mod common;
 use std::net::UdpSocket;
 
 use common::board::Board;
-use common::eventually;
 use common::hooks::hook;
 use common::interface::Interface;
-use common::service::{NO_CAMERA, Receiver, Service};
+use common::service::{NO_CAMERA, Receiver, Service, counted};
+use common::{PATIENCE, eventually};
 use rustix::termios::tcgetattr;
 
 /// Starts a service with a serial link at this rate, over a driver whose UART divides `base`.
@@ -40,23 +40,22 @@ fn packets_come_again_when_the_interface_is_back_and_its_loss_is_reported_once()
     else {
         return;
     };
-    let far = UdpSocket::bind((Interface::ADDRESS, 0)).unwrap();
-    let far = Receiver(far);
-    let near = Receiver::new();
-    far.0.set_read_timeout(Some(common::PATIENCE)).unwrap();
-    let service = Service::start(NO_CAMERA, &[far.address(), near.address()]);
+    let [far, near] = [Receiver(UdpSocket::bind("0.0.0.0:0").unwrap()), Receiver::new()];
+    far.0.set_read_timeout(Some(PATIENCE)).unwrap();
+    let service = Service::start(NO_CAMERA, &[format!("{}:{}", Interface::ADDRESS, far.port()), near.address()]);
     far.packet();
     for times in 1..=2 {
-        interface.set("down");
+        interface.take_down();
+        near.packet();
         eventually("a word about the network", || {
-            near.packet();
             service.status().matches("the network takes no packets").count() == times
         });
+        assert_eq!(counted(&service.log(), "links_open"), 1, "{}", service.log());
         far.rest();
-        let before = near.rest().len();
-        (0..5).for_each(|_| drop(near.packet()));
-        assert!(far.rest().is_empty(), "{before}");
-        interface.set("up");
+        (0..5).for_each(|_| _ = near.packet());
+        assert!(far.rest().is_empty());
+        interface.bring_up();
         far.packet();
+        eventually("the link", || counted(&service.status(), "links_open") == 2);
     }
 }

@@ -34,10 +34,20 @@ impl Interface {
         None
     }
 
-    pub fn set(&self, state: &str) {
-        let arguments = ["link", "set", "face0", state];
-        Run::of(Command::new("ip").args(arguments)).succeeded();
+    /// Takes the interface and its address away, as the system does when a cable is pulled or Wi-Fi is lost.
+    pub fn take_down(&self) {
+        ip("address flush dev face0");
+        ip("link set face0 down");
     }
+
+    pub fn bring_up(&self) {
+        ip("link set face0 up");
+        ip("address add 10.77.0.1/24 dev face0");
+    }
+}
+
+fn ip(words: &str) {
+    Run::of(Command::new("ip").args(words.split(' '))).succeeded();
 }
 
 /// Runs these words in a new namespace that was prepared.

@@ -77,7 +77,7 @@ struct node {
 struct camera {
     /* 0 while this place is free. */
     int descriptor;
-    const char *name;
+    struct node *node;
     struct description *is;
     uint32_t format, width, height, stride, image_bytes;
     /* Seconds and frames. */
@@ -130,12 +130,13 @@ static int64_t clock_us(clockid_t clock)
     return time.tv_sec * 1000000LL + time.tv_nsec / 1000;
 }
 
-static struct node *node_of(const char *name)
+/* Returns the node of this path, such as /dev/video0. */
+static struct node *node_of(const char *path)
 {
-    unsigned number = (unsigned)atoi(name + strlen("video"));
+    unsigned number = (unsigned)atoi(path + strlen("/dev/video"));
     if (number >= MOST_NODES)
         abort();
-    snprintf(nodes[number].name, sizeof nodes[number].name, "%s", name);
+    snprintf(nodes[number].name, sizeof nodes[number].name, "video%u", number);
     return &nodes[number];
 }
 
@@ -147,7 +148,7 @@ static void look(struct camera *camera)
     ssize_t bytes = pread(camera->descriptor, text, sizeof text - 1, 0);
     flock(camera->descriptor, LOCK_UN);
     text[bytes > 0 ? bytes : 0] = '\0';
-    struct node *node = node_of(camera->name);
+    struct node *node = camera->node;
     if (!strcmp(text, node->text))
         return;
     strcpy(node->text, text);
@@ -158,7 +159,7 @@ static int is_gone(const struct camera *camera)
 {
     char path[64], file[PATH_MAX];
     struct stat named, open;
-    snprintf(path, sizeof path, "/dev/%s", camera->name);
+    snprintf(path, sizeof path, "/dev/%s", camera->node->name);
     return stat(file_of(path, file), &named) != 0 || fstat(camera->descriptor, &open) != 0 ||
            named.st_ino != open.st_ino;
 }
@@ -167,7 +168,7 @@ static int is_gone(const struct camera *camera)
 __attribute__((format(printf, 2, 3))) static void note(const struct camera *camera, const char *format, ...)
 {
     char path[64], file[PATH_MAX], line[128];
-    snprintf(path, sizeof path, "/calls/%s", camera->name);
+    snprintf(path, sizeof path, "/calls/%s", camera->node->name);
     va_list values;
     va_start(values, format);
     int bytes = vsnprintf(line, sizeof line, format, values);
@@ -755,8 +756,8 @@ static int open_camera(const char *path, int descriptor)
     while (camera->descriptor)
         if (++camera == cameras + MOST_OPEN)
             abort();
-    struct node *node = node_of(path + strlen("/dev/"));
-    *camera = (struct camera){ .descriptor = descriptor, .name = node->name, .is = &node->is };
+    struct node *node = node_of(path);
+    *camera = (struct camera){ .descriptor = descriptor, .node = node, .is = &node->is };
     look(camera);
     note(camera, "open\n");
     int error = failure(camera, "open");

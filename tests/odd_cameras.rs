@@ -118,8 +118,8 @@ fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
 fn a_face_is_live_by_every_clock_that_says_when_a_frame_was_captured_or_says_that_it_does_not_know() {
     let clocks = [
         Clock::Monotonic,
-        Clock::Unknown,
-        Clock::Copied,
+        Clock::Unknown(0),
+        Clock::Copied(1_000_000),
         Clock::Realtime,
         Clock::Offset(900_000),
         Clock::Offset(-30_000),
@@ -169,7 +169,6 @@ fn what_is_no_camera_or_lacks_the_format_is_one_sentence() {
     let machine = Cameras::with(&[
         Camera { card: "UVC Camera", formats: &["MJPG"], ..Camera::default() },
         Camera { capabilities: metadata, ..Camera::default() },
-        Camera { field: 77, ..Camera::built_in() },
     ]);
     let format = |device, format| format!("{}format = \"{format}\"\n", settings_for(device));
     for (toml, sentence) in [
@@ -180,17 +179,21 @@ fn what_is_no_camera_or_lacks_the_format_is_one_sentence() {
             format("/dev/video0", "yuyv"),
             "/dev/video0 does not offer YUYV; set camera.format to a format it offers (MJPEG)",
         ),
-        (
-            settings_for("/dev/video2"),
-            "the driver of /dev/video2 returned a value that the kernel does not define (Invalid field order",
-        ),
     ] {
         let said = refusal(&machine, &toml);
         assert!(said.starts_with(sentence), "{said}");
     }
-    machine.unplug(0);
-    let said = refusal(&machine, AUTO);
-    assert!(said.starts_with("the driver of /dev/video2 returned a value"), "{said}");
+}
+
+#[test]
+fn a_driver_that_returns_an_undefined_value_is_named() {
+    let machine = Cameras::with(&[Camera { field: 77, ..Camera::default() }]);
+    for device in ["auto", "/dev/video0"] {
+        let said = refusal(&machine, &settings_for(device));
+        let sentence =
+            "the driver of /dev/video0 returned a value that the kernel does not define (Invalid field order";
+        assert!(said.starts_with(sentence), "{said}");
+    }
 }
 
 #[test]
@@ -324,20 +327,14 @@ fn a_camera_of_damaged_frames_is_none_until_it_sends_pictures() {
     assert_eq!(told.map(|line| log.matches(line).count()).iter().sum::<usize>(), 1, "{log}");
 }
 
+/// The numbers of the frames have gaps, as with a driver for which the bus is too slow. Ten frames a second are few enough for
+/// a busy machine to be in time for.
 #[test]
-fn frames_that_a_driver_loses_are_reported_as_missing_until_none_is_lost() {
-    let camera = Camera { formats: &["GREY"], sizes: Listing::Discrete(&[[320, 240]]), ..Camera::default() };
-    let machine = Cameras::with(&[Camera { lost: (2, 3), ..camera.clone() }]);
+fn frames_that_a_driver_loses_are_reported_as_missing() {
+    let (intervals, lost) = (Listing::Discrete(&[[1, 10]]), (1, 4));
+    let machine = Cameras::with(&[Camera { formats: &["GREY"], intervals, lost, ..Camera::default() }]);
     let (service, receiver) = machine.serve(AUTO);
     receiver.until(IS_NO_FACE);
-    let impaired_by = |name: &str| {
-        eventually(name, || {
-            let log = service.status();
-            log.lines().rfind(|line| line.contains(" impaired_by=")).unwrap().contains(&format!(" impaired_by={name} "))
-        });
-    };
-    impaired_by("missing-frames");
-    assert_eq!(service.logged("frames get lost or damaged between camera and board"), 1, "{}", service.log());
-    machine.change(0, &camera);
-    impaired_by("none");
+    service.await_log("frames get lost or damaged between camera and board: give the camera a USB port of its own");
+    assert!(service.status().contains(" impaired_by=missing-frames "), "{}", service.log());
 }

@@ -61,9 +61,10 @@ pub enum Clock {
     FromStart,
     /// Gives every second frame the time of the one before it.
     Pairs,
-    /// The driver does not say which clock it is.
-    Unknown,
-    Copied,
+    /// Shows this time, of which the driver does not say what it is.
+    Unknown(i64),
+    /// Shows this time, which another program has set.
+    Copied(i64),
 }
 
 /// The last frames of every so many: how many, and of how many.
@@ -227,8 +228,8 @@ impl Clock {
             Self::StepsBack(time_us) => ("steps-back", time_us),
             Self::FromStart => ("from-start", 0),
             Self::Pairs => ("pairs", 0),
-            Self::Unknown => ("unknown", 0),
-            Self::Copied => ("copied", 0),
+            Self::Unknown(time_us) => ("unknown", time_us),
+            Self::Copied(time_us) => ("copied", time_us),
         };
         format!("{name} {number}")
     }

@@ -495,11 +495,13 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
         buffer->time_us = since_us;
     else if (!strcmp(clock, "pairs")) /* every second frame has the time of the one before it */
         buffer->time_us = camera->frame % 2 ? camera->last_stamp_us : true_us;
-    else if (!strcmp(clock, "unknown")) /* the driver does not say which clock it is */
+    else if (!strcmp(clock, "unknown")) { /* NUMBER microseconds, of which the driver does not say what they are */
         buffer->flags = V4L2_BUF_FLAG_TIMESTAMP_UNKNOWN;
-    else if (!strcmp(clock, "copied")) /* a time that another program has set */
+        buffer->time_us = number;
+    } else if (!strcmp(clock, "copied")) { /* NUMBER microseconds, which another program has set */
         buffer->flags = V4L2_BUF_FLAG_TIMESTAMP_COPY;
-    else
+        buffer->time_us = number;
+    } else
         abort();
     camera->last_stamp_us = buffer->time_us;
 }

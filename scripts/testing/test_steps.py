@@ -84,7 +84,7 @@ class Checkout(unittest.TestCase):
     def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
         self.step("build").command = "exit 3"
         ran = self.run_all()
-        lost = {"build", "unit", "documentation", "steps", "python", "try-arm64", "try-armhf", "guest-console"}
+        lost = {"build", "unit", "documentation", "steps", "python", "try-arm64", "try-armhf", "guest-cases"}
         self.assertEqual(ran, {step.name for step in self.steps} - lost)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
         self.assertIn("== FAILED: build,", self.said[-2])
@@ -98,9 +98,9 @@ class Checkout(unittest.TestCase):
         self.run_all()
         self.assertEqual(steps.conclude(self.run_of_steps, ["licences"], 0.0), 0)
         listed = self.said[-1].splitlines()
-        cases = ["step guest-cases: it needs guest", "step guest-console: it needs guest"]
+        cases = ["step guest-cases: it needs guest"]
         self.assertEqual(listed, ["a test: it needs a camera", *cases, "step guest: it needs root", "step licences: not asked for"])
-        self.assertIn("== passed, 5 skipped", self.said[-2])
+        self.assertIn("== passed, 4 skipped", self.said[-2])
         self.assertEqual(self.run_all() & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
 
     def test_under_ci_a_step_may_not_skip_itself(self):
@@ -147,7 +147,7 @@ class Sources(unittest.TestCase):
         programs = {
             "facewire": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
             "facewire-tools": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
-            "facewire-console": ("package-amd64", "guest-console", "unit"),
+            "facewire-console": ("package-amd64", "guest-cases", "unit"),
             "facewire-bridge": ("package-amd64", "guest-cases", "unit"),
         }
         known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}

@@ -23,7 +23,10 @@ const WAITS: &str = "setup: another package manager is at work: waiting for it (
 
 /// A machine on which only stand-ins and the programs of the base system are installed. One exists at a time: a process that
 /// one test starts would hold the stand-ins open that another test is writing, and the system refuses to run them then.
-struct Machine(TempDir, MutexGuard<'static, ()>);
+struct Machine {
+    folder: TempDir,
+    _one: MutexGuard<'static, ()>,
+}
 
 static ONE_MACHINE: Mutex<()> = Mutex::new(());
 
@@ -33,7 +36,7 @@ impl Machine {
     /// for into the file `asked`.
     fn new() -> Self {
         let one = ONE_MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
-        let machine = Self(tempfile::tempdir().unwrap(), one);
+        let machine = Self { folder: tempfile::tempdir().unwrap(), _one: one };
         fs::create_dir(machine.path("bin")).unwrap();
         let search_path = std::env::var_os("PATH").unwrap();
         let usual = "bash env sh cat cut dirname grep head mkdir mktemp printf rm sed sort tail flock ln";
@@ -53,14 +56,14 @@ impl Machine {
              if [ -e held ]; then echo '{HELD}' >&2; exit 100; fi\n\
              if [ -e offline ]; then echo 'E: Failed to fetch http://deb.debian.org/' >&2; exit 100; fi\n\
              case \"$*\" in *install*cmake*) ln -s nasm bin/cmake ;; esac",
-            folder = text(machine.0.path()),
+            folder = text(machine.folder.path()),
         );
         machine.stand_in("apt-get", &apt);
         machine
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.folder.path().join(name)
     }
 
     fn stand_in(&self, program: &str, commands: &str) {
@@ -91,7 +94,7 @@ fn setup_waits_while_another_package_manager_is_at_work_and_says_so_once() {
     machine.file("held");
     // The other one ends while setup waits for the third time.
     let ends = "cd FOLDER; echo waited >>waits; [ \"$(grep -c . waits)\" -lt 3 ] || rm -f held";
-    machine.stand_in("sleep", &ends.replace("FOLDER", text(machine.0.path())));
+    machine.stand_in("sleep", &ends.replace("FOLDER", text(machine.folder.path())));
     let run = Run::of(&mut machine.setup("system")).succeeded();
     assert_eq!((run.out, run.err.as_str()), (format!("setup: installing cmake\n{WAITS}"), ""));
     let install = "--quiet=2 install --no-install-recommends --yes cmake\n";

@@ -9,11 +9,13 @@ use std::fs::{self, Permissions};
 use std::io::{BufRead as _, BufReader};
 use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
+use std::sync::mpsc::{self, Receiver};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
 
 use common::program::{Run, text};
-use common::project;
+use common::{PATIENCE, project};
 use tempfile::TempDir;
 
 /// What apt says on Debian 12 while another one updates its lists.
@@ -88,6 +90,13 @@ impl Machine {
     }
 }
 
+/// The lines of a program as they come.
+fn lines_of(out: ChildStdout) -> Receiver<String> {
+    let (sender, lines) = mpsc::channel();
+    thread::spawn(move || BufReader::new(out).lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+    lines
+}
+
 #[test]
 fn setup_waits_while_another_package_manager_is_at_work_and_says_so_once() {
     let machine = Machine::new();
@@ -122,25 +131,30 @@ fn a_package_manager_that_never_ends_is_told_from_a_machine_that_is_offline() {
 fn a_step_that_takes_minutes_says_what_it_is_doing_and_its_output_is_shown_only_if_it_fails() {
     let machine = Machine::new();
     machine.stand_in("c++", "");
-    let go_on = machine.path("go-on");
-    Run::of(Command::new("mkfifo").arg(&go_on)).succeeded();
-    // It goes on when somebody opens the pipe.
-    let builds = "[ $1 = install ] || exit 1; echo '   Compiling libfuzzer v1.2.3' >&2; read line <PIPE; exit $line";
-    machine.stand_in("cargo", &builds.replace("PIPE", text(&go_on)));
+    let status_file = machine.path("status");
+    // It goes on until there is a file with its status, or the test has ended.
+    let builds = "[ $1 = install ] || exit 1; echo '   Compiling libfuzzer v1.2.3' >&2; cd FOLDER\n\
+                  while [ -e bin ] && [ ! -e status ]; do /bin/sleep 0.05; done; read status <status; exit $status";
+    machine.stand_in("cargo", &builds.replace("FOLDER", text(machine.folder.path())));
     let build = |status: &str| {
         let mut command = machine.setup("fuzz");
         command.env("FACEWIRE_PROGRESS_S", "0.05").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut setup = command.spawn().unwrap();
-        let mut lines = BufReader::new(setup.stdout.take().unwrap()).lines().map(Result::unwrap);
-        assert_eq!(lines.next().unwrap(), "setup: building cargo-fuzz (some minutes)");
-        let is_told = |line: &String| {
-            line.starts_with("setup: building cargo-fuzz (some minutes): for ")
-                && line.ends_with(" s now, at: Compiling libfuzzer v1.2.3")
-        };
-        assert!(lines.any(|line| is_told(&line)));
-        fs::write(&go_on, format!("{status}\n")).unwrap();
-        lines.for_each(drop);
-        Run::ended(&setup.wait_with_output().unwrap())
+        let lines = lines_of(setup.stdout.take().unwrap());
+        assert_eq!(lines.recv_timeout(PATIENCE).unwrap(), "setup: building cargo-fuzz (some minutes)");
+        // An earlier line may come before the program has said anything.
+        let begun = "setup: building cargo-fuzz (some minutes): for ";
+        let mut line = String::new();
+        while !line.ends_with(" s now, at: Compiling libfuzzer v1.2.3") {
+            line = lines.recv_timeout(PATIENCE).unwrap();
+            assert!(line.starts_with(begun), "{line}");
+        }
+        // It appears with its contents, because the program looks for it all the time.
+        fs::write(machine.path("status.new"), format!("{status}\n")).unwrap();
+        fs::rename(machine.path("status.new"), &status_file).unwrap();
+        let run = Run::ended(&setup.wait_with_output().unwrap());
+        fs::remove_file(&status_file).unwrap();
+        run
     };
     let run = build("0");
     assert_eq!((run.status, run.err.as_str()), (Some(0), ""));

@@ -101,6 +101,8 @@ export function Slider({ value, move, disabled, ...attributes }) {
   // Where a thumb came down, until it drags.
   const { current: thumb } = useRef({});
   const begin = ({ target, pointerType, clientX }) => {
+    // Some browsers tell of a pointer on a disabled control, and not of its end.
+    if (disabled) return;
     thumb.from = pointerType === "touch" ? clientX : undefined;
     hand.hold(target.value);
   };

@@ -66,13 +66,19 @@ export function Live({ isShown }) {
     hidden=${!isShown}></section>`;
 }
 
-function start() {
+// The head takes a second to compute on a small machine, so that it waits until somebody looks.
+function makeFace() {
   try {
     parts.face = new Face(element("face"));
   } catch (error) {
+    parts.face = null;
     element("no-face").hidden = false;
     console.warn(`The face cannot be drawn: ${error.message}`);
   }
+}
+
+function start() {
+  parts.face = undefined;
   // The log-in takes the place of the page when a session has ended. The page that comes after it is built anew.
   Object.assign(page, { hello: undefined, snapshot: undefined });
   shown.last = undefined;
@@ -163,6 +169,7 @@ function frame() {
   if (store.hello && store.hello !== page.hello) hello(store.hello);
   if (time - shown.text > TEXT_PERIOD_MS) showText(time);
   if (!page.hello || element("stage").hidden) return;
+  if (parts.face === undefined) makeFace();
   const elapsed = (time - shown.drawn) / 1000;
   shown.drawn = time;
   const pose = shown.pose ?? AT_REST;

@@ -49,6 +49,11 @@ fn until_asked(console: &Console, request: &Value) {
     console.service.until(|seen| seen.requests.contains(request));
 }
 
+/// Whether all drives have ended.
+fn have_ended(seen: &Seen) -> bool {
+    seen.ended.len() == seen.requests.iter().filter(|request| request["do"] == "drive").count()
+}
+
 /// Presses a button of an armed page, and again if the page has disarmed meanwhile, until the service has seen what follows.
 fn press_armed(console: &Console, browser: &mut Browser, button: &str, fits: impl Fn(&Seen) -> bool) {
     while !fits(&console.service.seen.lock().unwrap()) {
@@ -255,10 +260,7 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
         browser.arm();
     }
     drop(browser);
-    console.service.until(|seen| {
-        let drives = seen.requests.iter().filter(|request| request["do"] == "drive").count();
-        seen.ended.len() == drives
-    });
+    console.service.until(have_ended);
     let lines = &console.service.seen.lock().unwrap().lines;
     assert!(lines.iter().all(|(_, line)| line["position"].as_f64() < Some(0.51)), "moved before arming: {lines:?}");
 }
@@ -266,14 +268,17 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
 #[test]
 fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
-    browser.click("Arm");
-    console.service.until(|seen| !seen.lines.is_empty());
-    browser.click("Disarm");
-    console.service.until(|seen| seen.ended.len() == 1);
-    browser.click("Arm");
-    browser.wait_for_text("Armed.");
-    browser.click("Health");
-    console.service.until(|seen| seen.ended.len() == 2);
+    browser.arm();
+    browser.click_on(&or_arm("Disarm"));
+    while !have_ended(&console.service.seen.lock().unwrap()) {
+        if browser.is_armed() {
+            browser.click_on(&or_arm("Disarm"));
+        }
+        browser.wait_for_picture();
+    }
+    browser.arm();
+    browser.turn_to("health");
+    console.service.until(have_ended);
 }
 
 #[test]
@@ -385,6 +390,37 @@ fn a_camera_is_chosen_by_a_tap_and_by_the_arrow_keys() {
 }
 
 #[test]
+fn the_address_of_a_receiver_is_typed_and_sent_to() {
+    let Some((console, mut browser)) = open("start", PHONE) else { return };
+    browser.click("Next");
+    browser.click("Next");
+    browser.click("VRChat");
+    browser.click_on(&labelled("details[open]", "Its address"));
+    browser.type_through_statuses("192.168.1.20");
+    browser.click_on(&element("[aria-label='Send there, to VRChat']"));
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let link = "\n[[link]]\naddress = \"192.168.1.20:9000\"\nkind = \"vrchat\"\n";
+    assert_eq!(console.settings(), format!("{SETTINGS}{link}"));
+}
+
+#[test]
+fn what_cannot_be_kept_stays_in_its_field_and_says_why() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    let fps = element("[id='field-camera.fps']");
+    browser.click("camera");
+    drop(console);
+    browser.wait_for_text("The connection is lost");
+    browser.fill(&fps, "50");
+    browser.press("Enter");
+    browser.wait_for_text("The console does not answer.");
+    assert_eq!(shown(&mut browser, &fps), "50");
+    browser.press("Escape");
+    browser.wait_until("!document.body.innerText.includes('The console does not answer.')");
+    assert_eq!(shown(&mut browser, &fps), "60");
+}
+
+#[test]
 fn what_was_typed_is_there_when_its_page_was_left_and_comes_back() {
     let Some((_console, mut browser)) = open("links", PHONE) else { return };
     let fps = element("[id='field-camera.fps']");
@@ -487,8 +523,13 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
     browser.press("Escape");
     browser.wait_until(&format!("{slider}.disabled"));
     browser.let_go(place);
+    console.service.until(have_ended);
     turn(0.1);
     browser.wait_until(&is_shown(0.1));
+    // Nobody can take hold of it until the page is armed again.
+    assert!(!browser.drag(&slider, 0.75), "it is disabled and moves");
+    turn(0.2);
+    browser.wait_until(&is_shown(0.2));
 }
 
 #[test]

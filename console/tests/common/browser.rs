@@ -64,6 +64,12 @@ const PLACE: &str = "new Promise((done) => {
     look();
 })";
 
+/// Notes whether the next click comes to a control.
+const WATCH_CLICK: &str = "(() => {
+    window.hand ??= { note: addEventListener('click', ({ target }) => { hand.isHit = hand.control.contains(target); }, true) };
+    Object.assign(hand, { control: FIND, isHit: undefined });
+})()";
+
 /// Returns an expression for the first element that a selector matches.
 pub fn element(selector: &str) -> String {
     format!("document.querySelector({selector:?})")
@@ -211,6 +217,11 @@ impl Browser {
         }
     }
 
+    fn take_message(&mut self) {
+        let message = self.next_message();
+        self.events.push(message);
+    }
+
     fn next_message(&self) -> Value {
         self.messages.recv_timeout(self.patience).expect("the browser does not answer")
     }
@@ -223,8 +234,7 @@ impl Browser {
     /// Waits for an event that fits.
     pub fn await_event(&mut self, method: &str, fits: impl Fn(&Value) -> bool) {
         while !self.events(method).iter().any(&fits) {
-            let message = self.next_message();
-            self.events.push(message);
+            self.take_message();
         }
     }
 
@@ -305,21 +315,21 @@ impl Browser {
 
     /// How many statuses the page has got so far.
     pub fn statuses(&self) -> usize {
-        let is_status = |event: &Value| match event["method"].as_str() {
-            Some("Network.eventSourceMessageReceived") => event["params"]["eventName"] == "status",
-            Some("Network.responseReceived") => {
-                event["params"]["response"]["url"].as_str().unwrap().ends_with("/api/1/status")
-            }
-            _ => false,
-        };
-        self.events.iter().filter(|event| is_status(event)).count()
+        let events = self.events.iter().filter(|event| event["method"] == "Network.eventSourceMessageReceived");
+        events.filter(|event| event["params"]["eventName"] == "status").count() + self.answers("status")
+    }
+
+    /// How many answers to requests for this path the page has got so far.
+    fn answers(&self, path: &str) -> usize {
+        let path = format!("/api/1/{path}");
+        let events = self.events.iter().filter(|event| event["method"] == "Network.responseReceived");
+        events.filter(|event| event["params"]["response"]["url"].as_str().unwrap().ends_with(&path)).count()
     }
 
     /// Waits until the page has got so many statuses and is drawn with them.
     pub fn await_statuses(&mut self, count: usize) {
         while self.statuses() < count {
-            let message = self.next_message();
-            self.events.push(message);
+            self.take_message();
         }
         self.wait_for_picture();
     }
@@ -367,12 +377,22 @@ impl Browser {
         self.click_on(&control(text));
     }
 
-    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not below something else.
+    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not below something else. Tries again if it
+    /// has moved away under the hand.
     pub fn click_on(&mut self, find: &str) {
-        self.wait_until(&format!("{find} && !{find}.disabled"));
-        let place = self.place(find);
-        self.touch(Touch::Down, place);
-        self.touch(Touch::Up, place);
+        let end = Instant::now() + self.patience;
+        loop {
+            self.wait_until(&format!("{find} && !{find}.disabled"));
+            let place = self.place(find);
+            self.value(&WATCH_CLICK.replace("FIND", find));
+            self.touch(Touch::Down, place);
+            self.touch(Touch::Up, place);
+            self.wait_until("hand.isHit !== undefined || hand.control.disabled || !hand.control.isConnected");
+            if self.value("hand.isHit") == true {
+                return;
+            }
+            assert!(Instant::now() < end, "{find} moves away");
+        }
     }
 
     /// Chooses an option of a list by the arrow keys.
@@ -449,11 +469,18 @@ impl Browser {
 
     /// Arms the page unless it is armed.
     pub fn arm(&mut self) {
-        let is_armed = format!("{} !== undefined", control("Disarm"));
-        if self.value(&is_armed) != true {
+        while !self.is_armed() {
+            let answers = self.answers("servos/arm");
             self.click("Arm");
-            self.wait_until(&is_armed);
+            while self.answers("servos/arm") == answers {
+                self.take_message();
+            }
+            self.wait_for_picture();
         }
+    }
+
+    pub fn is_armed(&mut self) -> bool {
+        self.value(&format!("{} !== undefined", control("Disarm"))) == true
     }
 
     /// Moves the focus to a control by the Tab key. Returns whether it comes there, which it does not to one that is disabled.

@@ -548,6 +548,12 @@ fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
     console.service.until(is_at(0.0));
     let moved = positions(&console.service.seen.lock().unwrap());
     assert!(moved[before..].iter().all(|position| *position <= 0.25), "{moved:?}");
+    // A tap means it.
+    while !is_at(0.5)(&console.service.seen.lock().unwrap()) {
+        browser.arm();
+        browser.tap_middle(&element(SLIDER));
+        browser.await_statuses(browser.statuses() + 2);
+    }
 }
 
 #[test]

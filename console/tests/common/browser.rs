@@ -445,6 +445,14 @@ impl Browser {
         has_come
     }
 
+    /// Taps a slider in its middle.
+    pub fn tap_middle(&mut self, slider: &str) {
+        let place = self.place(slider);
+        self.touch(Touch::Down, place);
+        self.pause();
+        self.touch(Touch::Up, place);
+    }
+
     /// Scrolls the page by a thumb that comes down on an element.
     pub fn swipe_up(&mut self, find: &str) {
         let [x, y] = self.place(find);

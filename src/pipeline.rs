@@ -63,7 +63,8 @@ impl Processed<'_> {
 
     /// What a recording keeps of the frame. Does not allocate.
     pub fn record(&self) -> Recorded {
-        let (time_us, landmarks) = (self.frame.captured_us, self.face.map(|face| face.landmarks));
+        let time_us = self.frame.captured_us;
+        let landmarks = self.face.map(|face| face.landmarks);
         match self.pose() {
             Ok(pose) => Recorded::new(time_us, &pose, self.frame.size_px(), landmarks),
             Err(reason) => Recorded::nothing(time_us, reason),
@@ -200,7 +201,8 @@ pub fn model_warning(name: &WearerName, made_with: Option<u32>, solver: &SolverS
 }
 
 pub fn shaping(settings: &Settings) -> Shaping {
-    let (smoothing, seconds) = (&settings.smoothing, |ms: u32| ms as f32 / 1000.0);
+    let smoothing = &settings.smoothing;
+    let seconds = |ms: u32| ms as f32 / 1000.0;
     let of_group = |group: Group| {
         let (kind, ms) = smoothing.of(group);
         group.filter(kind, seconds(ms))

@@ -78,8 +78,8 @@ mod tests {
     #[test]
     fn a_picture_is_refused_unless_every_row_and_column_is_complete() {
         const DATA: [u8; 64] = [0; 64];
-        let (grey, yuyv) =
-            (|data, stride| Pixels::Grey { data, stride }, |stride| Pixels::Yuyv { data: &DATA, stride });
+        let grey = |data, stride| Pixels::Grey { data, stride };
+        let yuyv = |stride| Pixels::Yuyv { data: &DATA, stride };
         let nv12 = |chroma| Pixels::Nv12 { luma: &DATA, chroma, stride: 4 };
         let packed = |step, red| Pixels::Packed { data: &DATA, stride: 22, step, rgb: [red, 1, 0] };
         let planar = |cr, chroma_shift| Pixels::Planar { planes: [&DATA, &DATA, cr], strides: [5, 3], chroma_shift };

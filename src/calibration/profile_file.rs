@@ -85,7 +85,8 @@ impl Table {
         let need = |is_good: bool, error: String| is_good.then_some(()).ok_or(error);
         let absurd = |what: &str| format!("{what} has a value that no face has");
         need(self.takes.is_sorted_by(|a, b| a < b), "the takes are not in order".to_owned())?;
-        let (landmarks, blendshapes) = (self.neutral.len(), self.blendshapes.len());
+        let landmarks = self.neutral.len();
+        let blendshapes = self.blendshapes.len();
         need(landmarks == LANDMARKS, format!("it has {landmarks} landmarks instead of {LANDMARKS}"))?;
         need(blendshapes == COEFFS, format!("it has {blendshapes} blendshapes instead of {COEFFS}"))?;
         let mut points = [[0.0; 3]; LANDMARKS];
@@ -99,7 +100,8 @@ impl Table {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;
             let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);
             need(is_sane, absurd(&format!("blendshapes.{name}")))?;
-            (*rest, *gain) = (terms.rest, terms.gain);
+            *rest = terms.rest;
+            *gain = terms.gain;
         }
         let hash = |text: String| u32::from_str_radix(&text, 16).map_err(|_| "model is no hash".to_owned());
         let model = self.model.map(hash).transpose()?;
@@ -145,7 +147,8 @@ pub(super) mod tests {
         assert_eq!(ProfileFile::parse(&old), Ok(ProfileFile { model: None, ..file }));
         let mut greatest = self::file(u64::MAX >> 1);
         greatest.profile.neutral = Some(Neutral::from_points(&[[-2.9999; 3]; LANDMARKS]).unwrap());
-        (greatest.takes, greatest.profile.rest) = (Take::ALL.to_vec(), [-MAX_REST; COEFFS]);
+        greatest.takes = Take::ALL.to_vec();
+        greatest.profile.rest = [-MAX_REST; COEFFS];
         assert!(greatest.text().len() <= 16 << 10, "{}", greatest.text().len());
     }
 

@@ -59,7 +59,8 @@ pub enum StoreError {
 }
 
 fn unreadable(path: &Path, error: &io::Error) -> StoreError {
-    let (wearer, path) = (path.file_stem().unwrap_or_default().display(), path.display());
+    let wearer = path.file_stem().unwrap_or_default().display();
+    let path = path.display();
     StoreError::Unreadable(match error.kind() {
         ErrorKind::NotFound => format!("there is no profile {path}: run `facewire calibrate --wearer {wearer}`"),
         _ => format!("cannot read {path}: {error}; {}", remedy(error)),
@@ -67,7 +68,8 @@ fn unreadable(path: &Path, error: &io::Error) -> StoreError {
 }
 
 fn unwritable(path: &Path, error: &io::Error) -> StoreError {
-    let (path, remedy) = (path.display(), remedy(error));
+    let path = path.display();
+    let remedy = remedy(error);
     StoreError::Unwritable(format!("cannot write {path}: {error}; {remedy}; the former profile stays"))
 }
 
@@ -117,7 +119,8 @@ impl Store {
     pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<(PathBuf, Option<String>), StoreError> {
         let create = DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         create.map_err(|error| unwritable(&self.folder, &error))?;
-        let (path, new) = (self.path(name), self.folder.join(format!(".{name}.new")));
+        let path = self.path(name);
+        let new = self.folder.join(format!(".{name}.new"));
         if let Err(error) = write(&new, file.text().as_bytes()).and_then(|()| fs::rename(&new, &path)) {
             // What is left of it is of no use; the next attempt writes it anew.
             let _ = fs::remove_file(&new);
@@ -135,7 +138,8 @@ impl Store {
         let made_at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
         let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
         let (path, warning) = self.save(name, &file)?;
-        let (wearer, path) = (name.to_string(), path.display().to_string());
+        let wearer = name.to_string();
+        let path = path.display().to_string();
         Ok(KeptProfile { wearer, path, taken, left_out, refused, warning })
     }
 

@@ -39,11 +39,20 @@ impl<R: Read> AviSource<R> {
     pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
         let mut riff = Riff { reader, offset: 0, end: None, has_padding: false };
         let (stream, [width, height], stated) = riff.read_header()?;
-        let (rate, origin) = (stated.unwrap_or(rate), origin.to_owned());
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
-        let (jpeg_bytes, read, ended, rewind) = (0, 0, false, None);
-        Ok(Self { riff, origin, stream, rate, decoder, jpeg, jpeg_bytes, read, ended, rewind })
+        Ok(Self {
+            riff,
+            origin: origin.to_owned(),
+            stream,
+            rate: stated.unwrap_or(rate),
+            decoder,
+            jpeg,
+            jpeg_bytes: 0,
+            read: 0,
+            ended: false,
+            rewind: None,
+        })
     }
 
     /// Makes the film begin again at its end, for ever.
@@ -103,7 +112,9 @@ impl<R: Read> Source for AviSource<R> {
         let mut found = self.read_frame();
         if let (Ok(false), Some(rewind)) = (&found, self.rewind) {
             rewind(&mut self.riff.reader)?;
-            (self.riff.offset, self.riff.end, self.riff.has_padding) = (0, None, false);
+            self.riff.offset = 0;
+            self.riff.end = None;
+            self.riff.has_padding = false;
             self.riff.read_header()?;
             found = self.read_frame();
         }
@@ -154,14 +165,17 @@ impl<R: Read> Riff<R> {
         if self.next_item().map_err(early)? != Some((*b"AVI ", None)) {
             return Err(refuse("is not an AVI file"));
         }
-        let (mut streams, mut video, mut picture) = (0_u8, None, None);
+        let mut streams = 0_u8;
+        let mut video = None;
+        let mut picture = None;
         loop {
             let (id, bytes) = match self.next_item().map_err(early)?.ok_or_else(|| refuse("has no pictures"))? {
                 (kind, None) if kind == *b"movi" => break,
                 (_, None) => continue,
                 (id, Some(bytes)) => (id, bytes),
             };
-            let (length, mut fields) = (FIELD_BYTES.min(bytes as usize), [0; FIELD_BYTES]);
+            let length = FIELD_BYTES.min(bytes as usize);
+            let mut fields = [0; FIELD_BYTES];
             self.read_exact(fields.get_mut(..length).unwrap_or_default()).map_err(early)?;
             self.skip(u64::from(bytes) - length as u64).map_err(early)?;
             let word = |at: usize| fields.get(at..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
@@ -248,7 +262,8 @@ mod tests {
 
     /// Returns the header of a film of 30 frames per second, in which stream 0 is sound and stream 1 is video.
     fn avi_header(width: u32, codec: &[u8; 4]) -> Vec<u8> {
-        let (zeros, [one, rate, height]) = ([0; 56], [1_u32, 30, 8].map(u32::to_le_bytes));
+        let zeros = [0; 56];
+        let [one, rate, height] = [1_u32, 30, 8].map(u32::to_le_bytes);
         let video = [&b"vids"[..], codec, &zeros[..12], &one, &rate, &zeros[..28]].concat();
         let format = [&zeros[..4], &width.to_le_bytes(), &height, &zeros[..4], codec, &zeros[..20]].concat();
         let sound = [chunk(b"strh", &[&b"auds"[..], &zeros[..52]].concat()), chunk(b"strf", &zeros[..18])];
@@ -276,7 +291,8 @@ mod tests {
 
     /// Returns the numbers of the intact frames, and the errors.
     fn play(bytes: &[u8]) -> (Vec<u64>, Vec<CaptureError>) {
-        let (mut numbers, mut errors) = (Vec::new(), Vec::new());
+        let mut numbers = Vec::new();
+        let mut errors = Vec::new();
         let mut source = open(bytes).unwrap();
         loop {
             match source.next() {
@@ -299,7 +315,8 @@ mod tests {
         let film = avi(&[frame(), frame(), frame()]);
         assert_eq!(open(&film).unwrap().describe().to_string(), "film: MJPEG 16x8 at 30 fps");
         let starts: Vec<_> = film.windows(4).enumerate().filter(|(_, id)| id == b"01dc").map(|(at, _)| at).collect();
-        let (movi, index) = (starts[0], position(&film, b"idx1"));
+        let movi = starts[0];
+        let index = position(&film, b"idx1");
         for length in 0..movi {
             assert!(open(&film[..length]).is_err_and(|error| error.to_string().contains("the AVI file")), "{length}");
         }
@@ -317,7 +334,9 @@ mod tests {
 
     #[test]
     fn a_frame_that_is_bad_or_too_large_is_an_error_and_one_that_was_dropped_is_none() {
-        let (broken, huge, dropped) = (frame()[..100].to_vec(), vec![0; 200_000], Vec::new());
+        let broken = frame()[..100].to_vec();
+        let huge = vec![0; 200_000];
+        let dropped = Vec::new();
         let (numbers, errors) = play(&avi(&[frame(), broken, huge.clone(), dropped, frame()]));
         assert_eq!(numbers, [0, 4]);
         let [first, second] = &errors[..] else { unreachable!("{errors:?}") };
@@ -331,7 +350,8 @@ mod tests {
     #[test]
     fn a_recording_without_sizes_and_all_parts_of_an_opendml_film_are_read_and_data_behind_them_is_not() {
         let mut film = avi(&[frame(), frame()]);
-        let (movi, index) = (position(&film, b"movi"), position(&film, b"idx1"));
+        let movi = position(&film, b"movi");
+        let index = position(&film, b"idx1");
         film[4..8].fill(0);
         film[movi - 4..movi].fill(0xff);
         let groups = list(b"LIST", b"rec ", &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())]);

@@ -156,7 +156,8 @@ mod tests {
     /// In one window of a slow camera, every frame may follow a lost one.
     #[test]
     fn the_step_of_the_numbers_is_known_from_earlier_windows_and_damaged_frames_count_as_lost() {
-        let (mut counter, mut lost) = (DeliveryCounter::new(PERIOD_US), Vec::new());
+        let mut counter = DeliveryCounter::new(PERIOD_US);
+        let mut lost = Vec::new();
         for number in (0..46).chain((46..140).step_by(2)) {
             let captured_us = u64::from(number) * PERIOD_US;
             counter.arrived(Arrival { sequence: number, captured_us, taken_us: captured_us });

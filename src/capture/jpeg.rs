@@ -49,8 +49,10 @@ impl JpegDecoder {
         }
         let no_memory = |_| CaptureError::Unusable("the JPEG decoder could not start; free some memory".to_owned());
         let [columns, rows] = [width, height].map(|side| side.next_multiple_of(MAX_SUBSAMPLING));
-        let (decompressor, planes) = (decompressor().map_err(no_memory)?, vec![0; 3 * columns * rows]);
-        let (size, clean) = ([width, height], Vec::new());
+        let decompressor = decompressor().map_err(no_memory)?;
+        let planes = vec![0; 3 * columns * rows];
+        let size = [width, height];
+        let clean = Vec::new();
         let mut decoder = Self { decompressor, planes, size, decoded: None, clean, clean_at_once: 0 };
         decoder.clean.reserve_exact(decoder.max_jpeg_bytes());
         Ok(decoder)
@@ -101,7 +103,8 @@ impl JpegDecoder {
     fn decode_strictly(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         let header = self.decompressor.read_header(jpeg).map_err(|_| self.corrupt())?;
         self.check(&header)?;
-        let (subsamp, [width, height]) = (header.subsamp, self.size);
+        let subsamp = header.subsamp;
+        let [width, height] = self.size;
         let image = YuvImage { pixels: self.planes.as_mut_slice(), width, align: 1, height, subsamp };
         self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
         self.decoded = Some(subsamp);
@@ -130,12 +133,15 @@ impl JpegDecoder {
     }
 
     fn pixels(&self) -> Option<Pixels<'_>> {
-        let (subsamp, [width, height]) = (self.decoded?, self.size);
+        let subsamp = self.decoded?;
+        let [width, height] = self.size;
         if subsamp == Subsamp::Gray {
             return Some(Pixels::Grey { data: &self.planes, stride: width });
         }
-        let (columns, rows) = (subsamp.width(), subsamp.height());
-        let [stride, chroma_stride] = [width.next_multiple_of(columns), width.div_ceil(columns)];
+        let columns = subsamp.width();
+        let rows = subsamp.height();
+        let stride = width.next_multiple_of(columns);
+        let chroma_stride = width.div_ceil(columns);
         let (luma, rest) = self.planes.split_at_checked(stride * height.next_multiple_of(rows))?;
         let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
         let strides = [stride, chroma_stride];

@@ -59,10 +59,12 @@ impl Rehearsal {
         let clip = Clip::looped()?;
         let sent = Sent::new(clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()));
         let Description { width: full, height, .. } = clip.describe();
-        let (is_small, tally) = (2 * width as usize <= full, Tally::default());
+        let is_small = 2 * width as usize <= full;
+        let tally = Tally::default();
         // The clip without faults needs no picture of its own.
         let canvas = script.as_ref().map_or_else(Vec::new, |_| vec![GREY; full * height]);
-        let (due_us, wanted_us) = (None, 0);
+        let due_us = None;
+        let wanted_us = 0;
         let camera = Self { clip, script, canvas, sent, timeout, is_small, begun_us, due_us, wanted_us, tally };
         if camera.now().0 == Scene::Gone {
             let reason = "no camera is called rehearsal; its script has unplugged it for now";
@@ -79,7 +81,8 @@ impl Rehearsal {
 
     /// Skips the frames for which the reader is too late, and waits for the next one. Returns the time at which it is due.
     fn pace(&mut self) -> Result<u64, CaptureError> {
-        let (now_us, period_us) = (monotonic_us(), self.sent.period_us);
+        let now_us = monotonic_us();
+        let period_us = self.sent.period_us;
         let due_us = self.due_us.unwrap_or(now_us);
         let [for_newer, left_out] = frames_skipped(now_us, due_us, self.wanted_us, period_us);
         let count = for_newer.saturating_add(left_out);
@@ -162,7 +165,8 @@ impl Source for Rehearsal {
     }
 
     fn take_tally(&mut self) -> Tally {
-        let (scene, mut tally) = (self.now().0, take(&mut self.tally));
+        let scene = self.now().0;
+        let mut tally = take(&mut self.tally);
         tally.rehearsed.set(Impairment::Hot, scene == Scene::Hot);
         tally.rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
         tally
@@ -206,11 +210,12 @@ fn scene_at(script: &Script, elapsed_us: u64) -> (Scene, u64) {
 
 /// Odd scenes are live. Even scenes begin with a fault, and are live afterwards.
 fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
-    let (number, begun_us) = (elapsed_us / RANDOM_SCENE_US, elapsed_us % RANDOM_SCENE_US);
+    let number = elapsed_us / RANDOM_SCENE_US;
+    let begun_us = elapsed_us % RANDOM_SCENE_US;
     let mut random = fastrand::Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number);
     let fault = random.choice(Scene::RANDOM).unwrap_or(Scene::Live);
     let fault_us = random.u64(SHORTEST_FAULT_US..RANDOM_SCENE_US);
-    if number % 2 == 0 && begun_us < fault_us {
+    if number.is_multiple_of(2) && begun_us < fault_us {
         (fault, fault_us - begun_us)
     } else {
         (Scene::Live, RANDOM_SCENE_US - begun_us)

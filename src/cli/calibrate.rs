@@ -94,7 +94,8 @@ fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failu
 
 fn without_service(args: &CalibrateArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    let (store, in_use) = (Store::new(&settings.wearer.folder), WearerName::new(&settings.wearer.name));
+    let store = Store::new(&settings.wearer.folder);
+    let in_use = WearerName::new(&settings.wearer.name);
     if let Some(name) = &args.delete {
         store.delete(name)?;
         return print(&format!("the profile of {name} is deleted\n"));
@@ -141,7 +142,8 @@ fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
 
 fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
     say("no service answers: opening the camera");
-    let (mut pipeline, mut camera) = (Pipeline::load(settings, true)?, OpenCamera::open(&settings.camera)?);
+    let mut pipeline = Pipeline::load(settings, true)?;
+    let mut camera = OpenCamera::open(&settings.camera)?;
     let outcome = guide(&mut camera, &mut pipeline);
     // A camera that does not close must not cost the result.
     camera.source.close().unwrap_or_else(say);
@@ -149,7 +151,8 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 }
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
-    let (mut guide, mut shown) = (Guide::new(pipeline.solver.model.clone()), None);
+    let mut guide = Guide::new(pipeline.solver.model.clone());
+    let mut shown = None;
     let mut watch = Watch::new(HOLD_US);
     loop {
         if let Some(outcome) = guide.outcome() {

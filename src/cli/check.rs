@@ -82,7 +82,8 @@ fn lines(part: &str, outcome: &Outcome) -> String {
 
 fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
     let root = board::root();
-    let (machine, (line, slowing)) = (Machine::detect(&root), Sensors::find(&root, &settings.hardware).read(0.0));
+    let machine = Machine::detect(&root);
+    let (line, slowing) = Sensors::find(&root, &settings.hardware).read(0.0);
     let flags = Flags::ask();
     let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
     let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
@@ -107,7 +108,9 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
     };
     let file = store.load(&name)?;
     let warning = model_warning(&name, file.model, &settings.solver).map(|warning| format!("; {warning}"));
-    let (takes, all, folder) = (file.takes.len(), Take::ALL.len(), store.folder().display());
+    let takes = file.takes.len();
+    let all = Take::ALL.len();
+    let folder = store.folder().display();
     Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{}", warning.unwrap_or_default()))
 }
 
@@ -128,7 +131,10 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         say("watching the camera for 3 seconds: look into it");
     }
     let mut found = camera.source.describe().to_string();
-    let (mut watch, mut delivered, mut last_look, mut face_px) = (Watch::new(HOLD_US), None, None, None);
+    let mut watch = Watch::new(HOLD_US);
+    let mut delivered = None;
+    let mut last_look = None;
+    let mut face_px = None;
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
         if let Some(frame) = camera.next()? {

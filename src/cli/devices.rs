@@ -71,8 +71,13 @@ pub fn scan(device: &Path) -> Result<(), Failure> {
 fn listed(found: &Found, ports: &[Port]) -> Value {
     let camera = |camera: &Camera| {
         let modes: Vec<String> = camera.modes.iter().map(ToString::to_string).collect();
-        let (path, name, driver) = (&camera.node, &camera.card, &camera.driver);
-        json!({ "path": path, "stable_paths": camera.links, "name": name, "driver": driver, "modes": modes })
+        json!({
+            "path": &camera.node,
+            "stable_paths": camera.links,
+            "name": &camera.card,
+            "driver": &camera.driver,
+            "modes": modes,
+        })
     };
     let cameras: Vec<Value> = found.cameras.iter().map(camera).collect();
     let not_examined: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
@@ -94,7 +99,8 @@ fn camera_lines(camera: &Camera) -> String {
 impl Port {
     fn new(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Self {
         let usb = if let SerialPortType::UsbPort(usb) = &port.port_type { Some(usb) } else { None };
-        let (path, node) = (port.port_name.clone(), Path::new(&port.port_name));
+        let path = port.port_name.clone();
+        let node = Path::new(&port.port_name);
         let stable_paths: Vec<_> = link_folders.iter().flat_map(|folder| links_to(node, folder.as_ref())).collect();
         let name = usb.map_or("UART", |usb| usb.product.as_deref().unwrap_or("USB")).to_owned();
         let board = usb.and_then(|usb| attached((usb.vid, usb.pid)));
@@ -132,17 +138,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [links, absent] = ["by-id", "by-path"].map(|name| folder.path().join(name));
         fs::create_dir(&links).unwrap();
-        let (serial_number, manufacturer, product) = (None, None, None);
+        let serial_number = None;
+        let manufacturer = None;
+        let product = None;
         let maestro = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
         let maestro = SerialPortType::UsbPort(maestro);
-        let (usb, takes) = (["1ffb", "0089"], "  takes commands: kind = \"maestro\"\n");
+        let usb = ["1ffb", "0089"];
+        let takes = "  takes commands: kind = \"maestro\"\n";
         let cases = [
             ("usb-Head_0001", SerialPortType::Unknown, "UART", "", json!([null, null])),
             ("usb-Pololu-if00", maestro.clone(), "USB", takes, json!(["maestro", usb])),
             ("usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n", json!([null, usb])),
         ];
         for (link, port_type, kind, last, in_json) in cases {
-            let (port_name, link) = (folder.path().join(link).display().to_string(), links.join(link));
+            let port_name = folder.path().join(link).display().to_string();
+            let link = links.join(link);
             fs::write(&port_name, "").unwrap();
             symlink(&port_name, &link).unwrap();
             let want = format!("serial port {port_name} ({kind})\n  stable path {}\n{last}", link.display());

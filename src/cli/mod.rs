@@ -176,10 +176,17 @@ impl Command {
 
 /// Releases the servos of all links before it prints anything, and fails if those of a link cannot be reached.
 fn rest(links: &[LinkSettings]) -> Result<(), Failure> {
-    let outcomes = links.iter().filter_map(|link| Some(Link::rest(link)?.map(|()| format!("{link}: released\n"))));
-    let (released, failed): (Vec<_>, Vec<_>) = outcomes.partition(Result::is_ok);
-    let printed = released.into_iter().flatten().try_for_each(|line| print(&line));
-    let errors: Vec<String> = failed.into_iter().filter_map(Result::err).map(|error| error.to_string()).collect();
+    let mut released = String::new();
+    let mut errors = Vec::new();
+    for link in links {
+        match Link::rest(link) {
+            Some(Ok(())) => released += &format!("{link}: released\n"),
+            Some(Err(error)) => errors.push(error.to_string()),
+            // It moves no servo.
+            None => {}
+        }
+    }
+    let printed = print(&released);
     if errors.is_empty() { printed } else { Err(Failure::unavailable(errors.join("\n"))) }
 }
 

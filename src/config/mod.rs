@@ -178,8 +178,12 @@ fn check(settings: &Settings, faults: &mut Faults) {
     faults.require(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
     let bad = Script::of(device).and_then(Result::err);
     faults.require(bad.is_none(), "camera.device", format!("{device:?}"), bad.unwrap_or_default());
-    let [folder, model, wearers] = [&settings.networks.folder, &settings.solver.model, &settings.wearer.folder];
-    for (key, path) in [("networks.folder", folder), ("solver.model", model), ("wearer.folder", wearers)] {
+    let paths = [
+        ("networks.folder", &settings.networks.folder),
+        ("solver.model", &settings.solver.model),
+        ("wearer.folder", &settings.wearer.folder),
+    ];
+    for (key, path) in paths {
         let expected = "a path from / on: no shell replaces the ~ of a setting";
         faults.require(!path.starts_with('~'), key, format!("{path:?}"), expected);
     }

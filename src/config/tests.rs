@@ -89,7 +89,8 @@ fn the_schema_has_every_setting_with_its_type_bounds_choices_unit_default_and_co
     let at = |path: &str| schema.pointer(path).unwrap_or_else(|| panic!("{path}: {schema:#}"));
     let kind = |name: &str| LinkKind::NAMES.iter().position(|kind| *kind == name).unwrap();
     let link = |name: &str, rest: &str| format!("/properties/link/items/oneOf/{}{rest}", kind(name));
-    let (fps, channel) = (at("/properties/camera/properties/fps"), at("/$defs/channel/properties"));
+    let fps = at("/properties/camera/properties/fps");
+    let channel = at("/$defs/channel/properties");
     assert_eq!([&fps["type"], &fps["unit"], &fps["description"]], ["integer", "1/s", "Frame rate."]);
     assert_eq!([&fps["minimum"], &fps["maximum"], &fps["default"]], [1, 240, 30]);
     assert_eq!(at("/properties/board/default"), "auto");
@@ -167,7 +168,8 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[[link]]\nkind = \"seriell\"", "link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", "),
         ("[metrics]\nlisten = \"tab\té\"", "metrics.listen = \"tab\\té\": give \"\", a loopback address"),
     ];
-    let (mut text, mut want) = (String::new(), Vec::new());
+    let mut text = String::new();
+    let mut want = Vec::new();
     for (lines, fault) in lines {
         text += &format!("{lines}\n");
         want.push(format!("facewire.toml:{}: {fault}", text.lines().count()));

@@ -171,7 +171,8 @@ fn session(
     shared: &Shared,
     retry: &mut Retry,
 ) -> Result<(), LinkError> {
-    let (opened, mut is_refused) = (device.open(), false);
+    let opened = device.open();
+    let mut is_refused = false;
     shared.has_receiver.store(device.has_receiver(), Relaxed);
     let mut open = opened?;
     shared.open.store(true, Relaxed);
@@ -237,8 +238,10 @@ mod tests {
     /// Starts a carrier and waits until its device is open. Returns also what the device is given, what it is told about
     /// each message, and the counters.
     fn start(claimed: u32) -> (Background, mpsc::Receiver<Vec<u8>>, mpsc::Sender<bool>, Arc<Panel>) {
-        let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
-        let (panel, device) = (Arc::<Panel>::default(), Scripted { given, takes: answers, claimed });
+        let (given, written) = mpsc::channel();
+        let (takes, answers) = mpsc::channel();
+        let panel = Arc::<Panel>::default();
+        let device = Scripted { given, takes: answers, claimed };
         let carrier = Background::start_within(10 * PATIENCE, "test", "fw-test", device, Arc::clone(&panel)).unwrap();
         eventually("the device is open", || carrier.is_open());
         (carrier, written, takes, panel)

@@ -48,14 +48,22 @@ impl Device for Servos {
     fn open(&mut self) -> Result<Port, LinkError> {
         let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
         let device = PortSearch::new(device, Attached::BusServos).find()?;
-        let (_claim, tty) = (PortClaim::acquire(&device)?, open_port(&device, *baud, WRITE_TIMEOUT)?);
+        let _claim = PortClaim::acquire(&device)?;
+        let tty = open_port(&device, *baud, WRITE_TIMEOUT)?;
         tracing::info!("link opened: {} at {baud} baud", device.display());
         if let Some(late) = latency_remedy(&root(), &device) {
             tracing::warn!("link {}: {late}", device.display());
         }
         let line = Line::new(family, *unit, *baud, channels, &self.panel.dials);
-        let (told_troubles, logged, panel) = (String::new(), LoggedReasons::default(), Arc::clone(&self.panel));
-        Ok(Port { device, tty, line, told_troubles, logged, panel, _claim })
+        Ok(Port {
+            device,
+            tty,
+            line,
+            told_troubles: String::new(),
+            logged: LoggedReasons::default(),
+            panel: Arc::clone(&self.panel),
+            _claim,
+        })
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
@@ -70,7 +78,8 @@ impl Device for Servos {
 /// Takes the torque from servos that no link moves.
 pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
     let device = PortSearch::new(&settings.device, Attached::BusServos).find()?;
-    let (mut tty, mut message) = (open_port(&device, settings.baud, WRITE_TIMEOUT)?, Vec::new());
+    let mut tty = open_port(&device, settings.baud, WRITE_TIMEOUT)?;
+    let mut message = Vec::new();
     let ids: Vec<u8> = settings.channels.iter().map(|channel| channel.channel as u8).collect();
     // Sent twice, because the first message may only complete one that was cut off on the line.
     (0..2).for_each(|_| settings.family.write_torque(&ids, false, &mut message));

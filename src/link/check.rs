@@ -164,7 +164,8 @@ impl Check<'_> {
         self.faults.require(!is_taken, "link.universe", universe, expected);
         let expected = "1 to 63999: sACN counts universes from 1, where Art-Net has 0";
         self.faults.require(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
-        let (pace, rate_hz) = (self.link.pace.pace, self.link.rate_hz(self.settings.send.rate_hz));
+        let pace = self.link.pace.pace;
+        let rate_hz = self.link.rate_hz(self.settings.send.rate_hz);
         let expected = "\"rate\" for DMX: unchanged values are sent less often anyway";
         self.faults.require(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
@@ -265,7 +266,8 @@ pub fn notes(settings: &Settings) -> Vec<String> {
 
 fn notes_of_adjustments(table: &str, adjust: &Adjustments) -> Vec<String> {
     let note = |(name, Adjustment { gain, offset, min, max }): (&&str, &Adjustment)| {
-        let (least, most) = (*offset, gain + offset);
+        let least = *offset;
+        let most = gain + offset;
         let sum = format!("{table}.{name}: gain * value + offset goes from {least} to {most}");
         (least < 0.0 || most > 1.0).then(|| format!("{sum} and is limited to {min} to {max}"))
     };
@@ -299,9 +301,12 @@ mod tests {
     fn links_that_cannot_work_are_refused_with_key_value_and_remedy_and_others_are_accepted() {
         let channel_16 = JAW.replace('3', "16");
         let jaw_at_512 = JAW.replace('3', "512") + "dmx = \"16-bit\"\n";
-        let (acm0, by_id) = ("device = \"/dev/ttyACM0\"\n", "device = \"/dev/serial/by-id/x\"\n");
-        let (artnet_port, any_port) = ("from = \"0.0.0.0:6454\"\n", "from = \"192.168.1.5:0\"\n");
-        let (silent, elsewhere) = ("loss = \"silent\"\n", "address = \"10.0.0.1:6454\"\n");
+        let acm0 = "device = \"/dev/ttyACM0\"\n";
+        let by_id = "device = \"/dev/serial/by-id/x\"\n";
+        let artnet_port = "from = \"0.0.0.0:6454\"\n";
+        let any_port = "from = \"192.168.1.5:0\"\n";
+        let silent = "loss = \"silent\"\n";
+        let elsewhere = "address = \"10.0.0.1:6454\"\n";
         let cases: [(&[&str], &str); 34] = [
             (&[MAESTRO], "link.channel = []: give at least one [[link.channel]]"),
             (&[PCA9685, &channel_16], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),

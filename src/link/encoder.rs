@@ -40,8 +40,9 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
             Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
         LinkKind::Maestro(it) => {
-            let (mut board, commands, multiple_targets) =
-                (Board::new(&it.channels, dials), it.commands(), it.multiple_targets);
+            let mut board = Board::new(&it.channels, dials);
+            let commands = it.commands();
+            let multiple_targets = it.multiple_targets;
             let mut message = Vec::with_capacity(it.channels.len() * COMMAND_BYTES);
             Box::new(move |packet, _, send| {
                 message.clear();
@@ -94,7 +95,8 @@ fn form_of(parameter: &Parameter, it: &VrchatSettings) -> vrchat::Form {
 /// The packet of an output. Its age saturates, and its times wrap.
 pub fn packet(output: &Output, sequence: u16) -> Packet {
     let Output { state, reason, age_us, capture_us, .. } = *output;
-    let (age_us, capture_us) = (u32::try_from(age_us).unwrap_or(u32::MAX), capture_us as u32);
+    let age_us = u32::try_from(age_us).unwrap_or(u32::MAX);
+    let capture_us = capture_us as u32;
     Packet { state, reason, sequence, age_us, capture_us, ..Packet::NEUTRAL }.with_pose(&output.pose)
 }
 
@@ -114,7 +116,8 @@ mod tests {
 
     #[test]
     fn datagrams_and_frames_carry_every_field_of_the_output() {
-        let (rotation, position_mm) = ([0.0, 0.6, 0.0, 0.8], [1.0, -2.0, 600.0]);
+        let rotation = [0.0, 0.6, 0.0, 0.8];
+        let position_mm = [1.0, -2.0, 600.0];
         let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
         pose.coefficients[17] = 1.0;
         let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };

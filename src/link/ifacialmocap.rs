@@ -66,7 +66,8 @@ impl Device for Server {
     }
 
     fn attend(&mut self, socket: &mut UdpSocket) -> Result<(), LinkError> {
-        let (now, mut bytes) = (Instant::now(), [0; LONGEST]);
+        let now = Instant::now();
+        let mut bytes = [0; LONGEST];
         for _ in 0..MOST_AT_ONCE {
             match socket.recv_from(&mut bytes) {
                 Ok((length, from)) => {
@@ -88,10 +89,13 @@ impl Device for Server {
 
 impl Server {
     pub fn new(listen: SocketAddr, reply_port: u32) -> Self {
-        let (reply_port, now) = (u16::try_from(reply_port).unwrap_or_default(), Instant::now());
-        let (subscribers, changed, log_period) =
-            (Vec::with_capacity(MOST_SUBSCRIBERS), Vec::with_capacity(LONGEST), (now, 0));
-        Self { listen, reply_port, subscribers, changed, log_period }
+        Self {
+            listen,
+            reply_port: u16::try_from(reply_port).unwrap_or_default(),
+            subscribers: Vec::with_capacity(MOST_SUBSCRIBERS),
+            changed: Vec::with_capacity(LONGEST),
+            log_period: (Instant::now(), 0),
+        }
     }
 
     /// Gives a receiver that asks at `now` a place, if one is free or the oldest request is not recent.
@@ -100,7 +104,8 @@ impl Server {
             address.set_port(self.reply_port);
         }
         if let Some(known) = self.subscribers.iter_mut().find(|subscriber| subscriber.address == address) {
-            (known.asked, known.version) = (now, version);
+            known.asked = now;
+            known.version = version;
             return;
         }
         let is_full = self.subscribers.len() == MOST_SUBSCRIBERS;
@@ -147,7 +152,8 @@ impl Server {
     fn log(&mut self, now: Instant, line: fmt::Arguments<'_>) {
         let (begun, lines) = &mut self.log_period;
         if now.saturating_duration_since(*begun) >= LOG_PERIOD {
-            (*begun, *lines) = (now, 0);
+            *begun = now;
+            *lines = 0;
         }
         *lines = lines.saturating_add(1);
         if *lines < MOST_LINES {
@@ -223,7 +229,9 @@ mod tests {
 
     #[test]
     fn a_receiver_that_vanishes_is_dropped_and_the_others_keep_the_face() {
-        let (mut served, stays, leaves) = (Served::new(), receiver(), receiver());
+        let mut served = Served::new();
+        let stays = receiver();
+        let leaves = receiver();
         served.gets(V2, &stays);
         assert_eq!([served.face_at(&stays), served.face_at(&leaves)], [FACE, b""]);
         served.gets("", &leaves);
@@ -253,8 +261,12 @@ mod tests {
 
     #[test]
     fn ten_thousand_hostile_datagrams_change_nothing() {
-        let (mut served, friend, enemy, fickle) = (Served::new(), receiver(), receiver(), receiver());
-        let (mut random, address) = (fastrand::Rng::with_seed(7), served.socket.local_addr().unwrap());
+        let mut served = Served::new();
+        let friend = receiver();
+        let enemy = receiver();
+        let fickle = receiver();
+        let mut random = fastrand::Rng::with_seed(7);
+        let address = served.socket.local_addr().unwrap();
         served.gets("", &friend);
         for round in 0..10_000 {
             let mut bytes = ask(V2);
@@ -283,7 +295,8 @@ mod tests {
 
     #[test]
     fn neither_a_fickle_receiver_nor_forged_addresses_fill_the_log() {
-        let (mut server, begun) = (Server::new(port(0), 0), Instant::now());
+        let mut server = Server::new(port(0), 0);
+        let begun = Instant::now();
         assert_eq!(log_lines(|| (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
         // Each round comes when the places of the round before may be taken. All fall into one period.
         let round = |number: u16| begun + u32::from(number / 100) * Duration::from_secs(61);
@@ -295,7 +308,8 @@ mod tests {
 
     #[test]
     fn places_are_limited_and_a_newcomer_takes_only_that_of_one_who_asked_long_ago() {
-        let (mut server, begun) = (Server::new(port(0), 0), Instant::now());
+        let mut server = Server::new(port(0), 0);
+        let begun = Instant::now();
         (1..=20).for_each(|number| server.admit(port(number), 1, begun));
         let later = begun + Duration::from_secs(61);
         server.admit(port(1), 1, begun + Duration::from_mins(1));
@@ -309,7 +323,9 @@ mod tests {
 
     #[test]
     fn a_link_sends_to_those_who_ask_and_to_its_address_and_hands_its_port_over_to_the_next_one() {
-        let (fixed, asks, traffic) = (receiver(), receiver(), Arc::<Traffic>::default());
+        let fixed = receiver();
+        let asks = receiver();
+        let traffic = Arc::<Traffic>::default();
         let [listen, address] = [receiver(), fixed.try_clone().unwrap()].map(|socket| socket.local_addr().unwrap());
         let open = |address: &str| {
             let keys = format!("listen = \"{listen}\"\nreply_port = 0\nversion = 1\naddress = \"{address}\"\n");
@@ -321,7 +337,8 @@ mod tests {
         let (mut old, settings) = open(&address.to_string());
         let claimed = Server::new(listen, 0).open().unwrap_err();
         assert_eq!(claimed.kind, LinkErrorKind::Claimed);
-        let (face, mut bytes) = (face(&[("jawOpen", 0.5)]), [0; LONGEST]);
+        let face = face(&[("jawOpen", 0.5)]);
+        let mut bytes = [0; LONGEST];
         old.send_last(&settings, &face);
         let length = fixed.recv(&mut bytes).unwrap();
         assert!(String::from_utf8_lossy(&bytes[..length]).contains("|jawOpen-50|"));

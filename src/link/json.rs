@@ -156,7 +156,8 @@ mod tests {
             served.write(number, 2000);
             assert_eq!(next(&mut quick), number);
         }
-        let (mut gaps, mut before) = (0, next(&mut slow));
+        let mut gaps = 0;
+        let mut before = next(&mut slow);
         for number in 1000..1400 {
             served.write(number, 2000);
             let number = next(&mut slow);

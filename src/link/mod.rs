@@ -127,8 +127,16 @@ impl Link {
             },
             _ => None,
         };
-        let (encoder, shown, pace) = (encoder_of(&settings.kind, &panel.dials), Shown::default(), Pace::default());
-        Ok(Self { encoder, udp, device, panel, sequence: 0, shown, pace, encoded: (0, false) })
+        Ok(Self {
+            encoder: encoder_of(&settings.kind, &panel.dials),
+            udp,
+            device,
+            panel,
+            sequence: 0,
+            shown: Shown::default(),
+            pace: Pace::default(),
+            encoded: (0, false),
+        })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -180,7 +188,8 @@ impl Link {
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
-        let (is_operated, (encoded_us, was_operated)) = (self.panel.dials.is_operated(), self.encoded);
+        let is_operated = self.panel.dials.is_operated();
+        let (encoded_us, was_operated) = self.encoded;
         is_due |= is_operated != was_operated;
         if is_operated {
             is_due |= now_us.saturating_sub(encoded_us) >= OPERATED_PERIOD_US;

@@ -59,7 +59,9 @@ impl Shown {
         let is_lost = matches!(output.state, State::Decay | State::Neutral) && output.reason != Reason::Stopping;
         let is_held = is_lost && settings.pace.loss == Loss::Hold;
         if let (true, Some(pose)) = (is_held, self.held.map(|(pose, _)| pose).or(self.last_live)) {
-            (shown.state, shown.pose, shown.moving) = (State::Hold, pose, false);
+            shown.state = State::Hold;
+            shown.pose = pose;
+            shown.moving = false;
             self.held = Some((pose, now_us));
         } else if let Some((pose, since_us)) = self.held.take() {
             let elapsed_s = now_us.saturating_sub(since_us) as f32 * 1e-6;
@@ -72,7 +74,8 @@ impl Shown {
 
     /// Returns the output with the link's own adjustments.
     pub fn adjusted(settings: &LinkSettings, output: &Output) -> Output {
-        let (mut shown, adjust) = (output.clone(), &settings.adjust);
+        let mut shown = output.clone();
+        let adjust = &settings.adjust;
         let Pose { rotation, position_mm, coefficients, .. } = &mut shown.pose;
         adjust.apply(coefficients);
         if adjust.mirror {
@@ -90,7 +93,8 @@ impl Pace {
     /// Returns whether to send this output now, and how long to wait before the next call, in microseconds, if no pose or
     /// fault comes first. `send_hz` is the rate of `[send]`.
     pub fn step(&mut self, settings: &LinkSettings, send_hz: u32, now_us: u64, output: &Output) -> (bool, u64) {
-        let (kind, period_us) = (settings.pace.pace, 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1)));
+        let kind = settings.pace.pace;
+        let period_us = 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1));
         let wait_us = |at_us: u64, last: &Output| {
             interval_us(settings.pace.loss, kind, period_us, last, output).saturating_sub(now_us.saturating_sub(at_us))
         };
@@ -171,14 +175,17 @@ mod tests {
 
     fn output(state: State, jaw_open: f32) -> Output {
         let mut output = test_output(state);
-        (output.pose.rotation, output.pose.position_mm) = ([0.1, 0.2, 0.3, 0.9], [30.0, 20.0, 600.0]);
-        (output.pose.coefficients[JAW_OPEN], output.pose.coefficients[0]) = (jaw_open, 1.0);
+        output.pose.rotation = [0.1, 0.2, 0.3, 0.9];
+        output.pose.position_mm = [30.0, 20.0, 600.0];
+        output.pose.coefficients[JAW_OPEN] = jaw_open;
+        output.pose.coefficients[0] = 1.0;
         output
     }
 
     fn settings(pace: PaceKind, loss: Loss) -> LinkSettings {
         let mut settings = LinkSettings::default();
-        (settings.pace.pace, settings.pace.loss) = (pace, loss);
+        settings.pace.pace = pace;
+        settings.pace.loss = loss;
         settings
     }
 
@@ -200,7 +207,8 @@ mod tests {
 
     #[test]
     fn a_link_that_holds_shows_the_last_live_pose_and_moves_on_within_the_slew_limit_also_when_the_service_stops() {
-        let (mut shown, settings) = (Shown::default(), settings(PaceKind::Pose, Loss::Hold));
+        let mut shown = Shown::default();
+        let settings = settings(PaceKind::Pose, Loss::Hold);
         let stopping = Output { reason: Reason::Stopping, ..output(State::Neutral, 0.0) };
         for (now_us, (given, want)) in (0..).step_by(50_000).zip([
             (output(State::Neutral, 0.0), (State::Neutral, 0.0, false)),

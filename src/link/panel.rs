@@ -35,7 +35,9 @@ pub struct Panel {
 
 impl Panel {
     pub(super) fn new(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Arc<Self> {
-        let (kind, receiver, traffic) = (settings.kind.clone(), settings.to_string(), Arc::clone(traffic));
+        let kind = settings.kind.clone();
+        let receiver = settings.to_string();
+        let traffic = Arc::clone(traffic);
         let channels = kind.channels().map_or(&[][..], Vec::as_slice);
         let dials = Arc::new(Dials::new(channels, &traffic.operator));
         Arc::new(Self { kind, receiver, dials, traffic, ..Self::default() })
@@ -56,7 +58,8 @@ impl Panel {
     /// What the log says about packets that the network refuses.
     pub fn refusal(&self) -> Option<String> {
         let error = Some(self.refusal.load(Relaxed)).filter(|error| *error != 0)?;
-        let (reason, remedy) = (io::Error::from_raw_os_error(error), "IPAddressAllow in the unit");
+        let reason = io::Error::from_raw_os_error(error);
+        let remedy = "IPAddressAllow in the unit";
         Some(format!(
             "the network takes no packets ({reason}); check this machine's cable or Wi-Fi, the address, and {remedy}"
         ))

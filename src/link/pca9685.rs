@@ -52,7 +52,8 @@ impl Bus {
     /// Opens the bus and claims the chip, for one link of one program.
     pub fn open(settings: &Pca9685Settings) -> Result<Self, LinkError> {
         let name = settings.to_string();
-        let (node, address) = (PathBuf::from(format!("/dev/i2c-{}", settings.bus)), settings.address as u8);
+        let node = PathBuf::from(format!("/dev/i2c-{}", settings.bus));
+        let address = settings.address as u8;
         // A lock for writing needs a file that is open for writing.
         let claim = File::options().read(true).write(true).open(&node).map_err(|error| refused(&name, error))?;
         lock_byte(&claim, address).map_err(|error| match error {

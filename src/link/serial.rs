@@ -150,7 +150,8 @@ pub fn serial_carrier(kind: &LinkKind, panel: Arc<Panel>) -> Result<Option<Backg
     let maestro = if let LinkKind::Maestro(settings) = kind { Some(settings.clone()) } else { None };
     // Claimed here, so that the first of two links to one device gets it.
     let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
-    let (first_claim, is_found) = (path.and_then(|path| PortClaim::acquire(path).ok()), path.is_some());
+    let first_claim = path.and_then(|path| PortClaim::acquire(path).ok());
+    let is_found = path.is_some();
     let line =
         Line { search: PortSearch::new(device, auto), is_found, baud, maestro, first_claim, panel: Arc::clone(&panel) };
     Background::start(device, "fw-serial", line, panel).map(Some)
@@ -225,12 +226,14 @@ impl Line {
         let preamble =
             self.maestro.as_ref().map_or(vec![0], |it| preamble(it.pololu_commands(), it.commands(), &it.channels));
         let _ = port.tty.write(&preamble);
-        (port.since, port.took_at) = (Instant::now(), Instant::now());
+        port.since = Instant::now();
+        port.took_at = Instant::now();
     }
 
     /// Does what is due: ends the restart, asks, or takes the answer.
     fn advance(&self, port: &mut Port) -> io::Result<()> {
-        let (elapsed, available) = (port.since.elapsed(), port.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
+        let elapsed = port.since.elapsed();
+        let available = port.tty.bytes_to_read().map_or(0, |bytes| bytes as usize);
         if port.dtr.is_some() {
             if elapsed >= RESTART {
                 self.begin(port);
@@ -247,7 +250,8 @@ impl Line {
             port.is_asked = false;
             port.warn(SILENCE, &self.panel);
         } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
-            (port.is_asked, port.since) = (settings.read_errors, Instant::now());
+            port.is_asked = settings.read_errors;
+            port.since = Instant::now();
             let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
             in_time(port.tty.write(&question(settings.commands(), &settings.channels, settings.read_errors)))?;
@@ -258,7 +262,8 @@ impl Line {
 
 impl Port {
     fn new(device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, _claim: PortClaim) -> Self {
-        let (now, logged) = (Instant::now(), LoggedReasons::default());
+        let now = Instant::now();
+        let logged = LoggedReasons::default();
         Self { device, tty, dtr, is_asked: false, since: now, takes: true, took_at: now, logged, _claim }
     }
 
@@ -336,7 +341,10 @@ mod tests {
     fn a_line_that_is_too_slow_is_always_busy_and_no_packet_waits_for_two_others_and_a_fast_one_drops_none() {
         // 57,600 baud carry 42.99 packets a second.
         for (packets_hz, most_taken) in [(60_u32, 428..=432), (42, 420..=420)] {
-            let (bytes_per_s, mut unsent_bytes, mut taken, mut longest_s) = (5760.0, 0.0, 0, 0.0_f64);
+            let bytes_per_s = 5760.0;
+            let mut unsent_bytes = 0.0;
+            let mut taken = 0;
+            let mut longest_s = 0.0_f64;
             for _ in 0..10 * packets_hz {
                 if !is_behind(unsent_bytes as u32, FRAME_BYTES) {
                     longest_s = longest_s.max(unsent_bytes / bytes_per_s);

@@ -53,7 +53,9 @@ impl UdpCarrier {
             input.write(Some(open(address, receiver, None)?));
             None
         } else {
-            let ((wake, woken), host, shared) = (sync_channel(1), address.clone(), Arc::clone(&panel));
+            let (wake, woken) = sync_channel(1);
+            let host = address.clone();
+            let shared = Arc::clone(&panel);
             let thread = Builder::new().name("fw-lookup".to_owned());
             let started = thread.spawn(move || look_up(&host, from, resolve, input, &woken, &shared));
             started.map_err(|error| LinkError::no_thread(address, error))?;
@@ -132,7 +134,8 @@ fn look_up(
     woken: &Receiver<()>,
     panel: &Panel,
 ) {
-    let (mut current, mut retry) = (None, Retry::default());
+    let mut current = None;
+    let mut retry = Retry::default();
     loop {
         let found = choose(address, resolve(address), current).and_then(|receiver| {
             if current != Some(receiver) {
@@ -219,7 +222,8 @@ mod tests {
                 skip(&format!("this machine has no address {any}"));
                 continue;
             };
-            let (address, mut bytes) = (socket.local_addr().unwrap().to_string(), [0; 100]);
+            let address = socket.local_addr().unwrap().to_string();
+            let mut bytes = [0; 100];
             drop(socket);
             let mut link = open(&address);
             (0..10).for_each(|_| link.send(b"early"));
@@ -262,7 +266,8 @@ mod tests {
 
     #[test]
     fn a_multicast_leaves_by_the_network_of_the_address_that_the_link_sends_from() {
-        let (socket, group) = (receiver("0.0.0.0:0"), Ipv4Addr::new(239, 255, 7, 9));
+        let socket = receiver("0.0.0.0:0");
+        let group = Ipv4Addr::new(239, 255, 7, 9);
         socket.join_multicast_v4(&group, &Ipv4Addr::LOCALHOST).unwrap();
         let address = Address::new(&format!("{group}:{}", socket.local_addr().unwrap().port())).unwrap();
         let mut link = open_from("127.0.0.1", &address);
@@ -293,7 +298,8 @@ mod tests {
 
     #[test]
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
-        let (socket, (mut link, answers)) = (receiver("127.0.0.1:0"), host());
+        let socket = receiver("127.0.0.1:0");
+        let (mut link, answers) = host();
         find(&link, &answers, &[]);
         assert!(!arrives(&mut link, &socket) && !link.is_open() && counts(&link.panel) == [0, 1]);
         for found in [&[socket.local_addr().unwrap()][..], &[]] {

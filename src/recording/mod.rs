@@ -72,10 +72,16 @@ impl Writer {
             let _ = fs::remove_file(path);
             return Err(error);
         }
-        let (chunk, before) = (Vec::with_capacity(MAX_CHUNK_BYTES), Box::new(std::array::from_fn(|_| 0)));
-        let (left_bytes, begun_us, chunks, frames, chunk_frames) =
-            (limit_bytes.saturating_sub(START.len() as u64), None, 0, 0, 0);
-        Ok(Self { file, left_bytes, chunk, before, begun_us, chunks, frames, chunk_frames })
+        Ok(Self {
+            file,
+            left_bytes: limit_bytes.saturating_sub(START.len() as u64),
+            chunk: Vec::with_capacity(MAX_CHUNK_BYTES),
+            before: Box::new(std::array::from_fn(|_| 0)),
+            begun_us: None,
+            chunks: 0,
+            frames: 0,
+            chunk_frames: 0,
+        })
     }
 
     /// Adds a frame. Returns `false` if there is no room for it.
@@ -116,7 +122,8 @@ impl Writer {
         let bytes = encoder.finish()?;
         self.chunk.clear();
         self.before.fill(0);
-        let (frames, mut crc) = (take(&mut self.chunk_frames), Crc::new());
+        let frames = take(&mut self.chunk_frames);
+        let mut crc = Crc::new();
         crc.update(&bytes);
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         let bytes = [&length.to_le_bytes()[..], &crc.sum().to_le_bytes(), &bytes].concat();
@@ -151,7 +158,8 @@ impl<R: Read> Reader<R> {
     pub fn new(mut input: R) -> Result<Self, RecordingError> {
         let mut start = [0; START.len()];
         let is_whole = is_filled(&mut input, &mut start)?;
-        let ([name @ .., version], [wanted_name @ .., wanted]) = (&start, &START);
+        let [name @ .., version] = &start;
+        let [wanted_name @ .., wanted] = &START;
         if !is_whole || name != wanted_name {
             return Err(RecordingError::Other);
         }
@@ -169,7 +177,8 @@ impl<R: Read> Reader<R> {
         }
         let mut bytes = self.chunk.get(self.read..).unwrap_or_default();
         let Some(frame) = Recorded::read(&mut bytes, &mut self.before) else { return Err(self.damaged()) };
-        (self.read, self.frames) = (self.chunk.len() - bytes.len(), self.frames + 1);
+        self.read = self.chunk.len() - bytes.len();
+        self.frames += 1;
         Ok(Some(frame))
     }
 

@@ -177,8 +177,11 @@ impl Adaptation {
     }
 
     fn change(&mut self, now_us: u64, step: Step, cause: Option<Cause>) {
-        (self.step, self.cause, self.changed_us) = (step, cause, Some(now_us));
-        (self.overloaded_since_us, self.calm) = (None, None);
+        self.step = step;
+        self.cause = cause;
+        self.changed_us = Some(now_us);
+        self.overloaded_since_us = None;
+        self.calm = None;
     }
 
     fn lower(&mut self, now_us: u64, conditions: &Conditions) -> Option<(Step, Cause)> {

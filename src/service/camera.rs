@@ -108,7 +108,8 @@ mod tests {
     fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones_in_a_row() {
         for (damaged, expected) in [(0, 0), (7, 7), (100, 8)] {
             let source = Box::new(DamagedClip { clip: Clip::looped().unwrap(), damaged });
-            let (mut camera, mut counted) = (OpenCamera { source, damaged: None }, 0);
+            let mut camera = OpenCamera { source, damaged: None };
+            let mut counted = 0;
             let outcome = camera.await_picture(|| counted += 1);
             let is_given_up = matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg }));
             assert_eq!((counted, is_given_up), (expected, damaged == 100));

@@ -53,7 +53,6 @@ use super::reload::Mailbox;
 use crate::calibration::{Observation, WearerName};
 use crate::capture::monotonic_us;
 use crate::config::{Listen, Settings};
-use crate::listener::Listener;
 use crate::pipeline::is_same_profile;
 use crate::recording::Recorded;
 

@@ -197,8 +197,10 @@ impl Counters {
         let impaired_by = self.impairments.present();
         let begun = self.impairments.begun().map(|(name, count)| (name, count as f64)).collect();
         let [state, step] = [&self.state, &self.step].map(|index| index.load(Relaxed));
-        let (step_cause, neutral) = (self.step_cause.load(Relaxed), self.neutral_face.load(Relaxed));
-        let (is_small, share) = (self.small_picture.load(Relaxed), f32::from_bits(self.neutral_share.load(Relaxed)));
+        let step_cause = self.step_cause.load(Relaxed);
+        let neutral = self.neutral_face.load(Relaxed);
+        let is_small = self.small_picture.load(Relaxed);
+        let share = f32::from_bits(self.neutral_share.load(Relaxed));
         let Traffic { packets, sent, dropped, .. } = &*self.traffic;
         rows! {
             counter "frames" "result" "Frames processed, by result." = counts([

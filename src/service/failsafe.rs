@@ -58,7 +58,8 @@ impl Failsafe {
         self.age(history);
         let heard = news.map(|news| news.and_then(|(pose, capture_us)| self.hear(history, now_us, pose, capture_us)));
         if let Some(Err(reason)) = heard {
-            (history.reason, history.row) = (reason, 0);
+            history.reason = reason;
+            history.row = 0;
         }
         history.output.followed = heard == Some(Ok(true));
         self.move_output(history, before_us, elapsed_us);
@@ -118,9 +119,11 @@ impl Failsafe {
             return Err(Reason::Late);
         }
         if history.row == 0 || history.since_last_us >= self.live_us {
-            (history.row, history.since_first_us) = (0, 0);
+            history.row = 0;
+            history.since_first_us = 0;
         }
-        (history.row, history.since_last_us) = (history.row.saturating_add(1), 0);
+        history.row = history.row.saturating_add(1);
+        history.since_last_us = 0;
         let is_recovered = history.row >= RECOVERY_POSES && history.since_first_us >= RECOVERY_US;
         let is_followed = is_recovered || matches!(history.output.state, State::Live | State::Hold);
         if is_followed {
@@ -130,7 +133,8 @@ impl Failsafe {
     }
 
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
-        let (limit, output) = (self.slew(elapsed_us), &mut history.output);
+        let limit = self.slew(elapsed_us);
+        let output = &mut history.output;
         match output.state {
             State::Live if history.is_ramping => {
                 output.pose = towards(&output.pose, &history.target, 1.0, limit);
@@ -179,11 +183,18 @@ pub struct History {
 
 impl Default for History {
     fn default() -> Self {
-        let (state, reason, pose) = (State::Neutral, Reason::NoCamera, Pose::NEUTRAL);
         Self {
-            output: Output { state, reason, pose, age_us: u64::MAX, capture_us: 0, followed: false, moving: false },
-            reason,
-            target: pose,
+            output: Output {
+                state: State::Neutral,
+                reason: Reason::NoCamera,
+                pose: Pose::NEUTRAL,
+                age_us: u64::MAX,
+                capture_us: 0,
+                followed: false,
+                moving: false,
+            },
+            reason: Reason::NoCamera,
+            target: Pose::NEUTRAL,
             is_ramping: false,
             hears_puppet: false,
             shows_puppet: false,
@@ -210,26 +221,36 @@ impl History {
     /// a puppet.
     fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
         let output = &mut self.output;
-        let (is_puppet, was_puppet) = (self.hears_puppet, std::mem::replace(&mut self.shows_puppet, self.hears_puppet));
+        let is_puppet = self.hears_puppet;
+        let was_puppet = std::mem::replace(&mut self.shows_puppet, self.hears_puppet);
         self.is_ramping |= output.state != State::Live || is_puppet || was_puppet;
         if output.age_us == u64::MAX {
             output.pose.position_mm = pose.position_mm;
         }
-        (output.state, output.capture_us, output.age_us) = (State::Live, capture_us, age_us);
-        (self.target, self.reason) = (pose, Reason::None);
+        output.state = State::Live;
+        output.capture_us = capture_us;
+        output.age_us = age_us;
+        self.target = pose;
+        self.reason = Reason::None;
     }
 
     /// The neutral output that a receiver gets last.
     pub fn last(&self) -> Output {
-        let (state, reason, pose) = (State::Neutral, Reason::Stopping, self.output.pose.neutral_here());
-        Output { state, reason, pose, followed: false, moving: false, ..self.output }
+        Output {
+            state: State::Neutral,
+            reason: Reason::Stopping,
+            pose: self.output.pose.neutral_here(),
+            followed: false,
+            moving: false,
+            ..self.output
+        }
     }
 }
 
 /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
 fn checked(pose: &Pose) -> Option<Pose> {
-    let (plausible, quaternion) =
-        (-COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE, Quaternion::from(pose.rotation));
+    let plausible = -COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE;
+    let quaternion = Quaternion::from(pose.rotation);
     let is_good = pose.coefficients.iter().all(|value| plausible.contains(value))
         && pose.position_mm.iter().all(|mm| mm.abs() <= POSITION_LIMIT_MM)
         && (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;

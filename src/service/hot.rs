@@ -276,7 +276,8 @@ impl HotLoop {
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.tracker = None;
         }
-        let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
+        let load_tracker = self.load_tracker;
+        let settings = self.settings.networks.clone();
         let loaded = self.loader.load(move || load_tracker(&settings))?;
         let tracker = loaded.map_err(SetupError::from)?;
         if let Some(pipeline) = &mut self.pipeline {
@@ -306,7 +307,8 @@ impl HotLoop {
             pipeline.tracker = tracker.or(pipeline.tracker.take());
             let solver = &mut pipeline.solver;
             solver.neutral_mode = self.settings.wearer.neutral;
-            let (shaping, model) = (pipeline::shaping(&self.settings), model.filter(|model| *model != solver.model));
+            let shaping = pipeline::shaping(&self.settings);
+            let model = model.filter(|model| *model != solver.model);
             if model.is_some() || shaping != solver.shaping {
                 if let Some(model) = model {
                     solver.model = model;
@@ -392,15 +394,19 @@ mod tests {
 
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
-        let ((newest, _), (events, told)) = (triple_buffer::triple_buffer(&Err(Reason::NoCamera)), mpsc::channel());
-        let (observer, recorder) = (observer::channel().0, observer::channel().0);
+        let (newest, _) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
+        let (events, told) = mpsc::channel();
+        let observer = observer::channel().0;
+        let recorder = observer::channel().0;
         let loads = triple_buffer::triple_buffer(&None).0;
         let copier = picture::channel().1;
         let outlets = Outlets { newest, wake: thread::current(), loads, events, observer, recorder, copier };
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
-        let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());
-        let (profile, changes) = (Profile::default(), mpsc::channel().1);
+        let counters = Arc::<Counters>::default();
+        let loader = Loader::start().unwrap();
+        let profile = Profile::default();
+        let changes = mpsc::channel().1;
         let hot = HotLoop::new(settings, pipeline, profile, outlets, changes, Arc::clone(&counters), loader);
         (hot, told, counters)
     }
@@ -427,7 +433,8 @@ mod tests {
 
     #[test]
     fn a_camera_that_cannot_be_stopped_ends_the_service_and_one_that_is_gone_does_not() {
-        let (path, source) = ("/dev/video0".to_owned(), io::Error::other("stuck"));
+        let path = "/dev/video0".to_owned();
+        let source = io::Error::other("stuck");
         assert!(!is_recoverable(&CaptureError::NotStopped { path, source }.into()));
         assert!(is_recoverable(&CaptureError::Gone.into()));
     }
@@ -448,7 +455,8 @@ mod tests {
     /// The helper threads of the networks inherit the CPUs of the thread that starts them.
     #[test]
     fn an_engine_that_fails_for_good_is_told_loaded_again_and_then_ends_the_service() {
-        let (cpus, mut settings) = (rustix::thread::sched_getaffinity(None).unwrap(), camera(DEMO));
+        let cpus = rustix::thread::sched_getaffinity(None).unwrap();
+        let mut settings = camera(DEMO);
         settings.realtime.hot_cpu = (0..1024).find(|cpu| cpus.is_set(*cpu)).map_or(-1, |cpu| cpu as i32);
         let scheduling = realtime::Scheduling::hot(&settings.realtime);
         let tracker = load_failing(&NetworkSettings::default()).unwrap();

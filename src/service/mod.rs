@@ -91,7 +91,8 @@ pub fn run(
     counters.traffic.operator.is_released.store(has_servos && was_released(&settings.wearer), Relaxed);
     let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
     counters.set_panels(links.panels());
-    let (loader, wanted) = (Loader::start()?, settings.clone());
+    let loader = Loader::start()?;
+    let wanted = settings.clone();
     let pipeline = match loader.load(move || Pipeline::load(&wanted, true))? {
         Ok(pipeline) => Some(pipeline),
         // The hot loop tries again.
@@ -99,11 +100,16 @@ pub fn run(
         Err(error) => return Err(error.into()),
     };
     let (newest, news) = triple_buffer(&Err(Reason::NoCamera));
-    let ((loads, load), (puppet, played)) = (triple_buffer(&None), triple_buffer(&None));
-    let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-    let ((shown, watched), (pictures, copier)) = (observer::channel(), picture::channel());
-    let ((events, heard), (reload, asked)) = (mpsc::channel(), mpsc::channel());
-    let ((to_sender, new_links), (to_hot, hot_changes)) = (mpsc::channel(), mpsc::channel());
+    let (loads, load) = triple_buffer(&None);
+    let (puppet, played) = triple_buffer(&None);
+    let (observer, observed) = observer::channel();
+    let (recorder, recorded) = observer::channel();
+    let (shown, watched) = observer::channel();
+    let (pictures, copier) = picture::channel();
+    let (events, heard) = mpsc::channel();
+    let (reload, asked) = mpsc::channel();
+    let (to_sender, new_links) = mpsc::channel();
+    let (to_hot, hot_changes) = mpsc::channel();
     let (control, changes) = mpsc::channel();
     let shared = || Arc::clone(&counters);
     counters.heartbeats.beat_hot(monotonic_us(), OPEN_PATIENCE_US);
@@ -120,9 +126,18 @@ pub fn run(
     let hot_thread = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot = Arc::new(Mailbox { changes: to_hot, thread: hot_thread.thread().clone() });
 
-    let peers = {
-        let (hot, sender, loader, counters) = (Arc::clone(&hot), sender.thread.clone(), loader.clone(), shared());
-        Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters }
+    let peers = Peers {
+        changes,
+        observed,
+        recorded,
+        watched,
+        hot: Arc::clone(&hot),
+        sender: sender.thread.clone(),
+        puppet,
+        reload,
+        pictures,
+        loader: loader.clone(),
+        counters: shared(),
     };
     let server = Server::new(socket(), settings.clone(), config, peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
@@ -130,12 +145,27 @@ pub fn run(
     if let Err(error) = &control_thread {
         tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
     }
-    let reloader = {
-        let (live, change, askers, counters) = (settings, None, Vec::new(), shared());
-        Reloader { live, load_settings, set_level, hot, sender, control, counters, loader, change, asked, askers }
+    let reloader = Reloader {
+        live: settings,
+        load_settings,
+        set_level,
+        hot,
+        sender,
+        control,
+        counters: shared(),
+        loader,
+        change: None,
+        asked,
+        askers: Vec::new(),
     };
-    let (adaptation, log) = (Adaptation::default(), Log::default());
-    let mut supervisor = Supervisor { counters: shared(), events: heard, load, reloader, adaptation, log };
+    let mut supervisor = Supervisor {
+        counters: shared(),
+        events: heard,
+        load,
+        reloader,
+        adaptation: Adaptation::default(),
+        log: Log::default(),
+    };
     supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender_thread, hot_thread);
@@ -249,13 +279,15 @@ mod tests {
     #[test]
     fn a_thread_that_panics_is_named_in_the_services_last_words() {
         let gone = || Err(ServiceError::Camera(CaptureError::Gone));
-        let (good, bad): (fn(), fn()) = (|| {}, || panic!("tried"));
+        let good: fn() = || {};
+        let bad: fn() = || panic!("tried");
         for (sender, hot, want) in [
             (good, (|| panic!("tried")) as fn() -> Result<(), ServiceError>, "the hot loop ended by a panic"),
             (bad, || Ok(()), "the sender ended by a panic"),
             (good, gone, &CaptureError::Gone.to_string()),
         ] {
-            let (sender, hot) = (std::thread::spawn(sender), std::thread::spawn(hot));
+            let sender = std::thread::spawn(sender);
+            let hot = std::thread::spawn(hot);
             let error = stop(&Counters::default(), sender, hot).unwrap_err().to_string();
             assert!(error.starts_with(want), "{error}");
         }

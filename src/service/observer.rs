@@ -25,7 +25,8 @@ pub(super) struct Observed<T> {
 }
 
 pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
-    let ((sender, receiver), shared) = (sync_channel(WAITING), Arc::<Shared>::default());
+    let (sender, receiver) = sync_channel(WAITING);
+    let shared = Arc::<Shared>::default();
     (Observer { shared: Arc::clone(&shared), ring: sender }, Observed { shared, ring: receiver })
 }
 

@@ -36,9 +36,16 @@ impl Asker {
     /// Asks for the picture of the next frame, of at most this size. Returns `None` if too many are asked for.
     pub(super) fn ask(&self, [width, height]: [usize; 2]) -> Option<Receiver<Snapshot>> {
         let (back, copied) = sync_channel(1);
-        let bytes = Vec::with_capacity(most_bytes(width, height));
-        let (format, size, full_range, time_us, landmarks) = (PictureFormat::Grey, [0; 2], false, 0, None);
-        self.0.try_send(Snapshot { format, size, full_range, time_us, landmarks, bytes, back }).ok()?;
+        let room = Snapshot {
+            format: PictureFormat::Grey,
+            size: [0; 2],
+            full_range: false,
+            time_us: 0,
+            landmarks: None,
+            bytes: Vec::with_capacity(most_bytes(width, height)),
+            back,
+        };
+        self.0.try_send(room).ok()?;
         Some(copied)
     }
 }
@@ -49,7 +56,9 @@ impl Copier {
         let Some(picture) = frame.picture() else { return };
         let Ok(mut copy) = self.0.try_recv() else { return };
         let Picture { width, height, full_range, .. } = *picture;
-        (copy.size, copy.full_range, copy.time_us) = ([width, height], full_range, frame.captured_us);
+        copy.size = [width, height];
+        copy.full_range = full_range;
+        copy.time_us = frame.captured_us;
         copy.landmarks = landmarks.cloned();
         if most_bytes(width, height) <= copy.bytes.capacity() {
             copy.format = write(picture, &mut copy.bytes);
@@ -65,7 +74,8 @@ fn most_bytes(width: usize, height: usize) -> usize {
 
 /// Appends the rows of the picture. Returns their format: planar pictures become NV12, and RGB becomes grey.
 fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
-    let (width, height) = (picture.width, picture.height);
+    let width = picture.width;
+    let height = picture.height;
     let [half_width, half_height] = [width, height].map(|side| side.div_ceil(2));
     let mut rows = |plane: &[u8], stride: usize, row_bytes: usize, rows: usize| {
         let rows = plane.chunks(stride).take(rows).filter_map(|row| row.get(..row_bytes));
@@ -110,17 +120,21 @@ mod tests {
 
     #[test]
     fn a_picture_is_copied_when_it_is_asked_for_and_without_an_allocation() {
-        let ((asker, copier), mut clip) = (channel(), Clip::looped().unwrap());
+        let (asker, copier) = channel();
+        let mut clip = Clip::looped().unwrap();
         let frame = clip.next().unwrap().unwrap();
         copier.copy(&frame, None);
-        let (small, fits) = (asker.ask([64, 48]).unwrap(), asker.ask([640, 480]).unwrap());
+        let small = asker.ask([64, 48]).unwrap();
+        let fits = asker.ask([640, 480]).unwrap();
         let allocated = allocation_counter::measure(|| (0..3).for_each(|_| copier.copy(&frame, None)));
         assert_eq!(allocated.count_total, 0);
-        let (small, copy) = (small.try_recv().unwrap(), fits.try_recv().unwrap());
+        let small = small.try_recv().unwrap();
+        let copy = fits.try_recv().unwrap();
         assert_eq!((small.size, small.bytes.len()), ([640, 480], 0), "it tells the size for the next time");
         let want = (PictureFormat::Nv12, 640 * 480 * 3 / 2, frame.captured_us);
         assert_eq!((copy.format, copy.bytes.len(), copy.time_us), want);
-        let (face, waits) = (Content::Face { face: None, size_px: [0.0; 2] }, asker.ask([640, 480]).unwrap());
+        let face = Content::Face { face: None, size_px: [0.0; 2] };
+        let waits = asker.ask([640, 480]).unwrap();
         [Frame { content: face, ..frame }, frame].iter().for_each(|frame| copier.copy(frame, None));
         assert!(waits.try_recv().is_ok(), "a frame without a picture leaves the request for the next one");
         let _waiting: Vec<_> = (0..WAITING).map(|_| asker.ask([6, 4]).unwrap()).collect();
@@ -142,7 +156,8 @@ mod tests {
             (planar([1, 1]), (PictureFormat::Nv12, vec![0, 1, 2, 4, 5, 6, 32, 48, 33, 49])),
             (planar([0, 0]), (PictureFormat::Nv12, vec![0, 1, 2, 4, 5, 6, 32, 48, 34, 50])),
         ] {
-            let (picture, mut bytes) = (Picture::new(3, 2, pixels, true).unwrap(), Vec::new());
+            let picture = Picture::new(3, 2, pixels, true).unwrap();
+            let mut bytes = Vec::new();
             assert_eq!((write(&picture, &mut bytes), bytes), want);
         }
     }

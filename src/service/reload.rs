@@ -38,7 +38,8 @@ impl Change {
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
         let keeps_model = is_same_model && new.solver.model.is_empty();
         let model = replaced(keeps_model, is_same_model, "model", || load_model(&new.solver))?;
-        let (is_same_wearer, mut wearer) = (is_same_profile(&new.wearer, &live.wearer), new.wearer.clone());
+        let is_same_wearer = is_same_profile(&new.wearer, &live.wearer);
+        let mut wearer = new.wearer.clone();
         if is_same_wearer {
             wearer.name = counters.wearer().map_or_else(String::new, |name| name.to_string());
         }
@@ -100,7 +101,9 @@ pub(super) struct Reloader {
 impl Reloader {
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (load, live, counters) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.counters));
+        let load = Arc::clone(&self.load_settings);
+        let live = self.live.clone();
+        let counters = Arc::clone(&self.counters);
         self.change = Some(self.loader.begin(move || Change::prepare(&load, &live, &counters)));
     }
 
@@ -175,12 +178,19 @@ mod tests {
     /// answer.
     fn reload(toml: &str, live: Settings) -> (Settings, Option<HotChange>, Reply) {
         let thread = std::thread::current();
-        let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
+        let (hot, told) = mpsc::channel();
+        let (sender, _) = mpsc::channel();
+        let (control, _) = mpsc::channel();
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
-        let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
-        let (set_level, loader) = (Box::new(|_| {}), Loader::start().unwrap());
-        let (counters, change, (asker, answer)) = (Arc::default(), None, mpsc::channel());
-        let (asked, askers) = (mpsc::channel().1, vec![asker]);
+        let sender = Mailbox { changes: sender, thread };
+        let load_settings = fixed(toml);
+        let set_level = Box::new(|_| {});
+        let loader = Loader::start().unwrap();
+        let counters = Arc::default();
+        let change = None;
+        let (asker, answer) = mpsc::channel();
+        let asked = mpsc::channel().1;
+        let askers = vec![asker];
         let mut reloader =
             Reloader { live, load_settings, set_level, hot, sender, control, counters, loader, change, asked, askers };
         reloader.start();
@@ -216,7 +226,8 @@ mod tests {
     #[test]
     fn a_model_and_a_profile_that_have_changed_under_the_same_path_are_read_again() {
         let folder = tempfile::tempdir().unwrap();
-        let (model, name) = (folder.path().join("model.toml"), WearerName::new("anna").unwrap());
+        let model = folder.path().join("model.toml");
+        let name = WearerName::new("anna").unwrap();
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
         let counters = Counters::default();

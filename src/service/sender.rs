@@ -205,11 +205,14 @@ pub fn replay<E: From<ServiceError>>(
     counters.catch_signals().map_err(ServiceError::from)?;
     let links = Links::change(settings, Vec::new(), &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-    let (changes, shown, puppet) = (mpsc::channel().1, observer::channel().0, triple_buffer::triple_buffer(&None).1);
+    let changes = mpsc::channel().1;
+    let shown = observer::channel().0;
+    let puppet = triple_buffer::triple_buffer(&None).1;
     let sender = Sender { links, changes, news, puppet, shown, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
-    let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
+    let mut clock = Clock::default();
+    let mut timing = FrameTiming::new(Arc::clone(&counters));
     let outcome = loop {
         match next() {
             Ok(Some(frame)) if clock.wait_for(frame.time_us, &counters) => {
@@ -388,11 +391,14 @@ mod tests {
     fn servos_are_released_within_100_ms_and_a_puppet_that_falls_silent_gives_the_face_back() {
         let link =
             "[[link]]\nkind = \"maestro\"\ndevice = \"/dev/away\"\n[[link.channel]]\nsources = { jawOpen = 1.0 }\n";
-        let (settings, counters) = (config::parse("test", link).unwrap(), Arc::<Counters>::default());
+        let settings = config::parse("test", link).unwrap();
+        let counters = Arc::<Counters>::default();
         let links = Links::change(&settings, Vec::new(), &counters.traffic).unwrap();
-        let (panel, operator) = (links.panels().remove(0), Arc::clone(&counters.traffic.operator));
+        let panel = links.panels().remove(0);
+        let operator = Arc::clone(&counters.traffic.operator);
         let (_stuck, news) = triple_buffer::triple_buffer(&Err(Reason::NoCamera));
-        let ((mut played, puppet), (reload, changes)) = (triple_buffer::triple_buffer(&None), mpsc::channel());
+        let (mut played, puppet) = triple_buffer::triple_buffer(&None);
+        let (reload, changes) = mpsc::channel();
         let (shown, mut watched) = observer::channel();
         let mut sender = Sender { links, changes, news, puppet, shown, counters: Arc::clone(&counters) };
         let mut history = History::default();
@@ -435,13 +441,15 @@ mod tests {
     #[test]
     fn the_receiver_of_a_link_that_a_reload_removes_is_shown_the_neutral_face_last_and_no_other_is() {
         let [old, kept, new] = [(); 3].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
-        let (before, after) = (settings([&old, &kept]), settings([&kept, &new]));
+        let before = settings([&old, &kept]);
+        let after = settings([&kept, &new]);
         let mut links = Links::change(&before, Vec::new(), &Arc::default()).unwrap();
         links.send_last(&test_output(State::Live));
         let mut change = Links::change(&after, links.panels(), &Arc::default()).unwrap();
         change.take_over(links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
         change.send_last(&test_output(State::Hold));
-        let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
+        let live = (State::Live, Reason::None);
+        let hold = (State::Hold, Reason::NoFace);
         let neutral = (State::Neutral, Reason::Stopping);
         assert_eq!(seen(&old), [live, neutral, neutral, neutral]);
         assert_eq!((seen(&kept), seen(&new)), (vec![live, hold], vec![hold]));

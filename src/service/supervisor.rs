@@ -39,8 +39,8 @@ impl Supervisor {
         let mut hardware = Hardware::new(board::root(), self.reloader.live.hardware.clone());
         let watchdog = sd_notify::watchdog_enabled();
         let mut pinged_at = Instant::now();
-        (self.log.camera, self.log.last_status) =
-            ("blind, because no camera has been opened yet".to_owned(), Some((Instant::now(), 0)));
+        self.log.camera = "blind, because no camera has been opened yet".to_owned();
+        self.log.last_status = Some((Instant::now(), 0));
         self.lock_memory();
         notify(NotifyState::Ready);
         while !self.counters.stopping() && all_run() {
@@ -93,7 +93,8 @@ impl Supervisor {
     }
 
     fn adapt(&mut self, now_us: u64) {
-        let (counters, adaptation) = (&self.counters, &mut self.adaptation);
+        let counters = &self.counters;
+        let adaptation = &mut self.adaptation;
         let load = self.load.read().filter(|_| counters.camera_open.load(Relaxed));
         let before = (adaptation.step, adaptation.picture.is_small);
         let conditions = Conditions {
@@ -164,7 +165,8 @@ impl Log {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
-                (self.camera, self.is_open) = (format!("camera opened: {camera}"), true);
+                self.camera = format!("camera opened: {camera}");
+                self.is_open = true;
                 tracing::info!("{}", self.camera);
                 self.blind_reasons = LoggedReasons::default();
             }
@@ -172,7 +174,8 @@ impl Log {
                 if self.blind_reasons.is_new(&reason) {
                     tracing::warn!("{what}: {reason}; trying again");
                 }
-                (self.camera, self.is_open) = (format!("blind, because {reason}"), false);
+                self.camera = format!("blind, because {reason}");
+                self.is_open = false;
             }
             Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
             Event::EngineReloaded => tracing::info!("networks loaded again"),
@@ -204,7 +207,8 @@ impl Log {
 
     /// Logs the new step of the pipeline, and for a lower one the reason and what the operator can do about it.
     fn step(step: Step, lowered_by: Option<(Cause, Load)>) {
-        let (name, what) = (step.name(), step.sentence());
+        let name = step.name();
+        let what = step.sentence();
         let reason = match lowered_by {
             None => return tracing::info!("step {name}: {what} again"),
             Some((Cause::Hot, _)) => Impairment::Hot.sentence().to_owned(),
@@ -233,7 +237,9 @@ impl Log {
     }
 
     fn status(&mut self, counters: &Counters) -> String {
-        let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
+        let now = Instant::now();
+        let status = counters.status_line();
+        let count = counters.frames.load(Relaxed);
         let (last, last_count) = self.last_status.replace((now, count)).unwrap_or((now, count));
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");

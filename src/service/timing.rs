@@ -153,7 +153,8 @@ pub(super) struct FrameTiming {
 impl FrameTiming {
     pub(super) fn new(counters: Arc<Counters>) -> Self {
         let camera_period = Duration::from_micros(FrameRate::FPS_30.period_us());
-        let (step, recent) = (Step::Full, HistoryBuf::new());
+        let step = Step::Full;
+        let recent = HistoryBuf::new();
         Self { counters, last_captured_us: None, camera_period, step, work: None, recent }
     }
 
@@ -193,7 +194,8 @@ impl FrameTiming {
 
     /// Counts how long a frame waited, how long each stage that ran took, and how long the whole work took.
     pub(super) fn worked(&mut self, captured_us: u64, begun_us: u64, ended_us: u64, stages: &StageTimes) {
-        let (times, work) = (&self.counters.times, between(begun_us, ended_us));
+        let times = &self.counters.times;
+        let work = between(begun_us, ended_us);
         times.wait.record(between(captured_us, begun_us));
         times.work.record(work);
         let ran = [(&times.detect, stages.detect), (&times.mesh, stages.mesh), (&times.solve, stages.solve)];
@@ -216,8 +218,8 @@ impl FrameTiming {
         busy.sort_unstable();
         let count = Some(busy.len()).filter(|count| *count >= LEAST_FRAMES)?;
         let decoding: Duration = self.recent.iter().map(|(_, decoding)| *decoding).sum();
-        let (busy, decoding) =
-            (*busy.iter().rev().nth(SLOWER * count / FRAMES)?, decoding / u32::try_from(count).ok()?);
+        let busy = *busy.iter().rev().nth(SLOWER * count / FRAMES)?;
+        let decoding = decoding / u32::try_from(count).ok()?;
         Some(Load { busy, decoding, camera_period: self.camera_period })
     }
 }
@@ -241,7 +243,8 @@ mod tests {
     fn durations_are_told_never_too_short_and_at_most_1_in_32_too_long_in_3_digits_and_counts_below_limits_are_exact() {
         for ns in (0..36).map(|power| 1_u64 << power).flat_map(|ns| [ns - 1, ns, ns + 1, ns + ns / 3]) {
             let reported_ns = histogram_of([ns]).quantiles_ms([1.0])[0] * 1e6;
-            let (least, most) = (ns as f64, ns as f64 * (1.0 + 1.0 / 32.0) + 1.01);
+            let least = ns as f64;
+            let most = ns as f64 * (1.0 + 1.0 / 32.0) + 1.01;
             assert!((least..=most).contains(&reported_ns), "{ns} is reported as {reported_ns}");
         }
         let of = |times_us: &[u64]| quantiles(&histogram_of(times_us.iter().map(|us| us * 1000)));

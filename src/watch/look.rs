@@ -58,7 +58,8 @@ impl Look {
         let size = [picture.width, picture.height].map(|side| side as f32);
         let points = landmarks.map(|landmarks| landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]));
         let face_box = points.clone().map(bounds);
-        let (mut all, mut around) = (Samples::NONE, Samples::NONE);
+        let mut all = Samples::NONE;
+        let mut around = Samples::NONE;
         for point in grid([[0.0; 2], size], PICTURE_GRID) {
             let Some([luma, roughness]) = sample(picture, point) else { continue };
             all.add(luma);
@@ -73,7 +74,9 @@ impl Look {
         let face = points.zip(face_box).map(|(points, [min, max])| {
             let size_px = (max[0] - min[0]).max(max[1] - min[1]);
             let inside = [[BORDER * size_px; 2], size.map(|side| side - BORDER * size_px)];
-            let (mut samples, mut cut_off, mut count) = (Samples::NONE, 0, 0);
+            let mut samples = Samples::NONE;
+            let mut cut_off = 0;
+            let mut count = 0;
             for point in points.step_by(LANDMARK_STEP) {
                 count += 1;
                 cut_off += u32::from(!contains(inside, point));
@@ -82,7 +85,8 @@ impl Look {
             for point in grid([min, max], FACE_GRID) {
                 sample(picture, point).iter().for_each(|[_, roughness]| samples.add_roughness(*roughness));
             }
-            let (light, size) = (samples.light(picture), size_px / size[0].max(size[1]));
+            let light = samples.light(picture);
+            let size = size_px / size[0].max(size[1]);
             FaceLook { light, surroundings, size_px, size, cut_off: cut_off as f32 / count.max(1) as f32 }
         });
         Self { picture: all, face }

@@ -188,7 +188,8 @@ mod tests {
 
     /// Returns after how many looks, which are 0.25 s apart, the impairment changed.
     fn changes(verdicts: &[(Verdict, usize)]) -> Vec<usize> {
-        let (mut steady, mut was_present) = (Steady::default(), false);
+        let mut steady = Steady::default();
+        let mut was_present = false;
         let looks = verdicts.iter().flat_map(|(verdict, count)| std::iter::repeat_n(*verdict, *count)).enumerate();
         let mut is_change = |(look, verdict)| {
             let is_present = steady.update(verdict, 5_000_000 + look as u64 * 250_000, HOLD_US);
@@ -265,7 +266,8 @@ mod tests {
             ("the camera was opened at this rate", 15.0, 0.0, Some(66_667), "none"),
             ("the camera states no rate", 15.0, 0.0, None, "none"),
         ] {
-            let (mut watch, sent) = (Watch::new(HOLD_US), f32::round(fps * 1.5));
+            let mut watch = Watch::new(HOLD_US);
+            let sent = f32::round(fps * 1.5);
             let delivery = Delivery { time_us: 1_500_000, sent: sent as u64, lost: f32::round(sent * lost) as u64 };
             (0..4).for_each(|window| watch.delivery(&delivery, stated_us, window * 1_500_000));
             assert_eq!(watch.present().to_string(), want, "{what}");

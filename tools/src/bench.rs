@@ -106,7 +106,9 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
 /// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
 /// with a face.
 fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
-    let (cpu, begun, before) = (cpu_time(), Instant::now(), interruptions());
+    let cpu = cpu_time();
+    let begun = Instant::now();
+    let before = interruptions();
     let faces = samples.whole.len();
     play(pipeline, args, samples)?;
     samples.cpu += cpu_time().saturating_sub(cpu);
@@ -150,9 +152,11 @@ fn report_text(
     layers: &Layers,
     (input, samples): (&str, &Samples),
 ) -> String {
-    let (root, NetworkSettings { engine, threads, .. }) = (board::root(), &settings.networks);
+    let root = board::root();
+    let NetworkSettings { engine, threads, .. } = &settings.networks;
     let CameraSettings { width, height, fps, format, .. } = &settings.camera;
-    let (engine, format) = (engine.name(), format.name());
+    let engine = engine.name();
+    let format = format.name();
     let in_force = format!(
         "networks.engine {engine}, networks.threads {threads}, camera {width} x {height} at {fps}/s in format {format}"
     );

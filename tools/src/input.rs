@@ -102,7 +102,8 @@ impl FaceSource {
             let landmarks = landmarks.is_finite().then_some(landmarks);
             Ok(Recorded { time_us: rate.stamp_us(number), pose: Err(Reason::NoFace), size_px, landmarks })
         }));
-        let (origin, rate) = (path.to_owned(), Some(rate));
+        let origin = path.to_owned();
+        let rate = Some(rate);
         Ok(Self { frames, current: None, number: 0, origin, format: "landmarks", size_px, rate })
     }
 }
@@ -137,7 +138,8 @@ impl Source for FaceSource {
         let Some(frame) = &self.current else { return Ok(None) };
         let number = self.number;
         self.number += 1;
-        let (face, size_px) = (frame.landmarks.as_ref().map(Face::from), frame.size_px.map(f32::from));
+        let face = frame.landmarks.as_ref().map(Face::from);
+        let size_px = frame.size_px.map(f32::from);
         Ok(Some(Frame { content: Content::Face { face, size_px }, captured_us: frame.time_us, number }))
     }
 

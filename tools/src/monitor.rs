@@ -276,7 +276,9 @@ mod tests {
 
     #[test]
     fn the_line_shows_waiting_state_and_silence_and_the_summary_counts_rate_and_ages() {
-        let (listen, now, mut tally) = ("0.0.0.0:5252", Instant::now(), Tally::default());
+        let listen = "0.0.0.0:5252";
+        let now = Instant::now();
+        let mut tally = Tally::default();
         assert_eq!(line(listen, &tally, now), "waiting for packets at 0.0.0.0:5252");
         for sequence in 0..31_u16 {
             let mut packet = Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL };

@@ -84,7 +84,8 @@ struct Lost {
 
 fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     connection.ask(&Request::Record {}).map_err(Failure::failed)?;
-    let ((told, heard), lost) = (mpsc::sync_channel(WAITING_FRAMES), Arc::<Lost>::default());
+    let (told, heard) = mpsc::sync_channel(WAITING_FRAMES);
+    let lost = Arc::<Lost>::default();
     let counted = Arc::clone(&lost);
     thread::spawn(move || listen(|| connection.reply(), &told, &counted));
     let other = || Failure::failed("the service is of another version: restart it".to_owned());
@@ -149,7 +150,9 @@ fn record(
     let unwritable = |error| Failure::unwritable(&args.file, &error);
     let mut writer = Writer::create(&args.file, args.max_mb * BYTES_PER_MB).map_err(unwritable)?;
     say(format_args!("{begin}; Ctrl-C ends it"));
-    let (mut first, mut told, mut faces) = (None::<Instant>, Instant::now(), 0_u64);
+    let mut first = None::<Instant>;
+    let mut told = Instant::now();
+    let mut faces = 0_u64;
     let mut keep_all = || {
         let is_long = |first: Instant| args.seconds.is_some_and(|longest_s| first.elapsed().as_secs() >= longest_s);
         while !stop.load(Relaxed) && !first.is_some_and(is_long) {
@@ -169,7 +172,8 @@ fn record(
     };
     let outcome = keep_all();
     let bytes = writer.finish().map_err(unwritable)?;
-    let (frames, path) = (writer.frames(), &args.file);
+    let frames = writer.frames();
+    let path = &args.file;
     if frames == 0 {
         // An empty file would be in the way of the next attempt.
         let _ = fs::remove_file(path);
@@ -185,7 +189,8 @@ mod tests {
 
     #[test]
     fn frames_that_a_stalled_disk_has_no_room_for_are_dropped_and_counted() {
-        let ((told, heard), lost) = (mpsc::sync_channel(3), &Lost::default());
+        let (told, heard) = mpsc::sync_channel(3);
+        let lost = &Lost::default();
         let frame = |number: u32| Reply::Frame(number.to_string());
         let mut replies = [Reply::Lost(5)].into_iter().chain((0..10).map(frame));
         thread::scope(|scope| {

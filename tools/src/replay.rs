@@ -35,7 +35,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let refuse = |error: RecordingError| Failure::recording(&args.file, &error);
     let open = || Reader::open(&args.file).map_err(refuse);
     let mut reader = open()?;
-    let (mut frames, begun, cpu_before): (u64, _, _) = (0, Instant::now(), cpu_time());
+    let mut frames: u64 = 0;
+    let begun = Instant::now();
+    let cpu_before = cpu_time();
     log::start(settings.log.level);
     let [sent, dropped] = service::replay(&settings, || {
         let mut frame = reader.next_frame().map_err(refuse)?;

@@ -114,7 +114,8 @@ impl ServoArgs {
             return LinkKind::Pca9685(Pca9685Settings { bus, address: self.address, ..Pca9685Settings::default() });
         }
         if let (Some(device), Some(name)) = (&self.bus, &self.family) {
-            let (device, baud) = (SerialDevice::Path(device.clone()), self.baud);
+            let device = SerialDevice::Path(device.clone());
+            let baud = self.baud;
             let family = FAMILIES.iter().find(|(known, _)| known == name).map_or(Family::DYNAMIXEL_X, |it| it.1);
             return LinkKind::BusServo(BusServoSettings { device, family, baud, ..BusServoSettings::default() });
         }
@@ -130,7 +131,8 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
         return Err(Failure::failed("`facewire servo` reads keys from a terminal; run it in one".to_owned()));
     }
     let stop = stopped_by(&[SIGINT, SIGTERM, SIGHUP])?;
-    let (start, step) = (args.start.into(), args.step.into());
+    let start = args.start.into();
+    let step = args.step.into();
     let (mut set_pulse, mut finder) = if let LinkKind::BusServo(settings) = &kind {
         open_bus(settings, args.channel, step)?
     } else {
@@ -180,7 +182,8 @@ fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
 
 fn open_maestro(settings: &MaestroSettings, channel: u8) -> Result<SetPulse, Failure> {
     let device = PortSearch::new(&settings.device, Attached::Maestro).find()?;
-    let (mut tty, protocol) = (open_port(&device, settings.baud, PATIENCE)?, settings.commands());
+    let mut tty = open_port(&device, settings.baud, PATIENCE)?;
+    let protocol = settings.commands();
     let _ = tty.clear(ClearBuffer::Input);
     if settings.read_errors && check_answer(&mut tty, settings.pololu_commands(), protocol).is_err() {
         return Err(Failure::unavailable(format!("{}: {SILENCE}", device.display())));

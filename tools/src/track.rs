@@ -111,7 +111,8 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
         Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
         None => Box::new(io::stdout()),
     };
-    let (playback, out) = (Playback::new(pipeline, &settings.failsafe), BufWriter::new(out));
+    let playback = Playback::new(pipeline, &settings.failsafe);
+    let out = BufWriter::new(out);
     let mut track = Track { source, playback, args, out, landmarks: Vec::new(), frames: 0, faces: 0, damaged: 0 };
     if let Some(path) = &args.landmarks {
         // The path is checked before a long film is read. An existing file keeps its content until the end, because it

@@ -267,7 +267,8 @@ fn check(graph: &Graph, signature: &Signature) -> Result<(), String> {
     if found != signature.input {
         return Err(format!("the input has shape {found:?} in place of {:?}", signature.input));
     }
-    let (found, expected) = (graph.outputs().len(), signature.outputs.len());
+    let found = graph.outputs().len();
+    let expected = signature.outputs.len();
     if found != expected {
         return Err(format!("{found} outputs in place of {expected}"));
     }

@@ -146,7 +146,8 @@ fn environment(library: &Path) -> Result<Environment, InferError> {
         return Ok(environment.clone());
     }
     let failed = |reason: String| {
-        let (path, remedy) = (library.display(), remedy(library));
+        let path = library.display();
+        let remedy = remedy(library);
         InferError(format!("ONNX Runtime cannot be loaded from {path}: {reason}; run {remedy}"))
     };
     if !is_whole(library) {
@@ -168,7 +169,9 @@ fn is_whole(library: &Path) -> bool {
     }
     let number =
         |at: usize, bytes: usize| header.iter().skip(at).take(bytes).rfold(0, |sum, byte| sum << 8 | u64::from(*byte));
-    let [start, entry_bytes, entries] = [number(40, 8), number(58, 2), number(60, 2)];
+    let start = number(40, 8);
+    let entry_bytes = number(58, 2);
+    let entries = number(60, 2);
     file.metadata().is_ok_and(|found| start.saturating_add(entry_bytes * entries) <= found.len())
 }
 
@@ -203,7 +206,8 @@ fn check(session: &Session, signature: &Signature) -> Result<(), String> {
 
 fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
     let name = outlet.name();
-    let (shape, expected) = (outlet.dtype().tensor_shape(), onnx_shape(expected));
+    let shape = outlet.dtype().tensor_shape();
+    let expected = onnx_shape(expected);
     let sizes = shape.map(|shape| shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)));
     if sizes.is_some_and(|sizes| sizes.eq(expected.iter().copied())) {
         Ok(())

@@ -136,7 +136,8 @@ impl GazeTable {
     fn to_layer(&self) -> Result<GazeLayer, ModelError> {
         let input = |(name, table): (&String, &InputTable)| {
             let entry = format!("gaze.inputs.{name}");
-            let (feature, neutral) = (feature("gaze.inputs", name)?, finite(&entry, table.neutral)?);
+            let feature = feature("gaze.inputs", name)?;
+            let neutral = finite(&entry, table.neutral)?;
             Ok(GazeInput { feature, neutral, weights: row(&entry, &table.weights)? })
         };
         Ok(GazeLayer {
@@ -283,9 +284,11 @@ impl ModelFile {
         if self.inputs.len() > MAX_INPUTS {
             return Err(invalid("inputs", TOO_MANY));
         }
-        let (mut inputs, mut weights) = (Vec::new(), Vec::new());
+        let mut inputs = Vec::new();
+        let mut weights = Vec::new();
         for (name, table) in &self.inputs {
-            let (feature, entry) = (feature("inputs", name)?, format!("inputs.{name}"));
+            let feature = feature("inputs", name)?;
+            let entry = format!("inputs.{name}");
             inputs.push(Input { feature, neutral: finite(&entry, table.neutral)? });
             weights.extend(row::<MAX_HIDDEN>(&entry, &table.weights)?);
         }

@@ -129,7 +129,8 @@ pub struct Formula {
 
 /// Index of the product of two of `multiplied` inputs in [`Formula::products`].
 pub fn product_index(one: usize, other: usize, multiplied: usize) -> usize {
-    let (first, second) = (one.min(other), one.max(other));
+    let first = one.min(other);
+    let second = one.max(other);
     first * multiplied - first * first.saturating_sub(1) / 2 + second - first
 }
 

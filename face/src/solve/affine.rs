@@ -165,9 +165,12 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<(Matrix3<f64>, f64, Vector3<f64>),
     let count = RIGID.len() as f64;
     let sums = pairs().fold([Vector3::zeros(); 2], |[a, b], (seen, canonical)| [a + seen, b + canonical]);
     let [seen_mean, canonical_mean] = sums.map(|sum| sum / count);
-    let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
+    let mut covariance = Matrix3::zeros();
+    let mut seen_var = 0.0;
+    let mut canonical_var = 0.0;
     for (seen, canonical) in pairs() {
-        let (s, c) = (seen - seen_mean, canonical - canonical_mean);
+        let s = seen - seen_mean;
+        let c = canonical - canonical_mean;
         covariance += s * c.transpose();
         seen_var += s.norm_squared();
         canonical_var += c.norm_squared();
@@ -191,7 +194,8 @@ fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
         return None;
     }
     let svd = (covariance / size).try_svd(true, true, f64::EPSILON, MAX_ITERATIONS)?;
-    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let mut u = svd.u?;
+    let v_t = svd.v_t?;
     let mut values = svd.singular_values;
     if values.y.is_nan() || values.y <= 1e-6 * values.x {
         return None;

@@ -130,7 +130,8 @@ mod tests {
         assert_eq!(at(1.0), *Features::new(&face, Some(&neutral)).values());
         assert!(at(1.0)[..MEASURES].iter().all(|value| value.abs() < 1e-6), "the neutral face has no displacement");
         assert_eq!((at(f32::NAN), at(7.0)), (at(0.0), at(1.0)));
-        let (none, quarter) = (at(0.0), at(0.25));
+        let none = at(0.0);
+        let quarter = at(0.25);
         assert!(none[..MEASURES].iter().zip(&quarter).all(|(none, quarter)| (0.75 * none - quarter).abs() < 1e-6));
         assert_eq!(none[MEASURES..], quarter[MEASURES..], "turns of the head do not depend on the neutral face");
     }

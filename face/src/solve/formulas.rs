@@ -57,7 +57,8 @@ impl Formula {
         while let [factor, later @ ..] = factors {
             let Some((row, rest)) = open.split_at_mut_checked(factors.len()) else { break };
             row.iter_mut().zip(factors).for_each(|(product, other)| *product = factor * other);
-            (open, factors) = (rest, later);
+            open = rest;
+            factors = later;
         }
         dot(&self.products, &products)
     }
@@ -66,7 +67,8 @@ impl Formula {
 /// The sum of the weighted values. Values without a weight are ignored.
 fn dot(weights: &[f32], values: &[f32]) -> f32 {
     let values = values.get(..weights.len()).unwrap_or(values);
-    let ((weights, last_weights), (values, last_values)) = (weights.as_chunks::<LANES>(), values.as_chunks::<LANES>());
+    let (weights, last_weights) = weights.as_chunks::<LANES>();
+    let (values, last_values) = values.as_chunks::<LANES>();
     let mut sums = [0.0; LANES];
     for (weights, values) in weights.iter().zip(values) {
         for (sum, (weight, value)) in sums.iter_mut().zip(weights.iter().zip(values)) {
@@ -115,7 +117,8 @@ mod tests {
     }
 
     fn formula(kind: FormulaKind, response: Response, offset: f32) -> Formula {
-        let (inputs, weights) = ([5, 3, 4].into(), [0.4, -0.3, 0.2].into());
+        let inputs = [5, 3, 4].into();
+        let weights = [0.4, -0.3, 0.2].into();
         Formula { kind, response, offset, inputs, weights, ..Formula::default() }
     }
 
@@ -168,7 +171,8 @@ mod tests {
     #[test]
     fn the_case_of_the_face_selects_the_formulas_and_a_face_that_is_known_in_part_mixes_their_results() {
         let of = |offset| formula(FormulaKind::Affine, Response::Plain, offset);
-        let (model, face) = (formulas(of(0.3), of(0.5)), turned());
+        let model = formulas(of(0.3), of(0.5));
+        let face = turned();
         let features = Features::new(&face, Reference::MEAN);
         let jaw = |known| model.process(&Features { known, ..features.clone() }).expect("finite").0[JAW_OPEN];
         assert!((jaw(0.0) - jaw(1.0) - 0.2).abs() < 1e-6);

@@ -53,7 +53,8 @@ impl Gaze {
             let [down, inwards, out, up] = pick(&coefficients.0, places).map(|value| value.max(0.0));
             [out - inwards, up - down].map(|share| FULL_GAZE_DEG * share)
         });
-        let ([left_out, left_up], [right_out, right_up]) = (left, right);
+        let [left_out, left_up] = left;
+        let [right_out, right_up] = right;
         Self {
             yaw_pitch_deg: [0.5 * (left_out - right_out), 0.5 * (left_up + right_up)],
             vergence_deg: (-0.5 * (left_out + right_out)).clamp(0.0, MAX_VERGENCE_DEG),
@@ -105,7 +106,8 @@ impl Model {
     /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
     pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
         if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
-            let (seen, features) = (Gaze::of(raw), Features::new(face, Reference::MEAN));
+            let seen = Gaze::of(raw);
+            let features = Features::new(face, Reference::MEAN);
             let shut = pick(&raw.0, BLINKS).into_iter().fold(0.0, f32::max);
             let share = PICTURE_SHARE * (1.0 - smoothstep(shut, LIDS_HIDE));
             let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(&features, eyes), share);
@@ -203,7 +205,8 @@ mod tests {
         }
         let [high, low] = [12.0, 8.0].map(|map_deg| follow(&mut offset, map_deg, 3.0).yaw_pitch_deg);
         for (axis, [small_share, _]) in TURN_SHARES.into_iter().enumerate() {
-            let (difference_deg, sum_deg) = (high[axis] - low[axis], high[axis] + low[axis]);
+            let difference_deg = high[axis] - low[axis];
+            let sum_deg = high[axis] + low[axis];
             assert!((difference_deg - 4.0 * (1.0 - small_share)).abs() < 0.1, "{difference_deg}");
             assert!((sum_deg - 6.0).abs() < 0.4, "{sum_deg}");
         }
@@ -230,14 +233,17 @@ mod tests {
     fn pictures_of_the_eyes_move_the_gaze_by_their_share_and_not_that_of_shut_eyes() {
         let mut weights = vec![0.0; (1 + 2 * EYE_VALUES) * EYE_SUMS];
         // The first sum, yaw, reads how the head is turned; the first hidden unit reads a value of the left eye.
-        (weights[0], weights[(1 + EYE_VALUES + 3) * EYE_SUMS + 2]) = (20.0, 1.0);
-        let (inputs, outputs) = (FeatureId::from_name("yaw").into_iter().collect(), Box::new([[4.0, -2.0]]));
+        weights[0] = 20.0;
+        weights[(1 + EYE_VALUES + 3) * EYE_SUMS + 2] = 1.0;
+        let inputs = FeatureId::from_name("yaw").into_iter().collect();
+        let outputs = Box::new([[4.0, -2.0]]);
         let offsets = core::array::from_fn(|sum| if sum == 1 { 5.0 } else { 0.0 });
         let eyes = EyesLayer { inputs, weights: weights.into(), offsets, outputs };
         let model = Model { eyes: Some(eyes), ..Model::embedded() };
         let head = normalise(&face([30.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
         for (value, shut, found_deg) in [(3.0, 0.0, [22.0, -1.0]), (-3.0, 0.0, [10.0, 5.0]), (3.0, 0.7, [1.0, 2.0])] {
-            let (mut raw, mut values) = (Coefficients([0.0; COEFFS]), EyeValues::default());
+            let mut raw = Coefficients([0.0; COEFFS]);
+            let mut values = EyeValues::default();
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
             values[1][3] = value;
             put(&mut raw.0, BLINKS, [shut, 0.0]);

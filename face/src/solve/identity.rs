@@ -113,7 +113,8 @@ impl Identity {
             return Verdict::Doubtful;
         }
         self.wearer = self.recent.clone();
-        (self.different_s, self.is_open) = (0.0, false);
+        self.different_s = 0.0;
+        self.is_open = false;
         Verdict::Another
     }
 

@@ -108,7 +108,9 @@ impl NeutralEstimate {
 
     /// Whether the face moved faster than heads do, so that the picture perhaps shows somebody else.
     fn has_jumped(&mut self, face: &Normalised, dt_s: f32) -> bool {
-        let (origin_px, scale_px, turns) = (face.origin_px, face.scale_px, face.turns());
+        let origin_px = face.origin_px;
+        let scale_px = face.scale_px;
+        let turns = face.turns();
         let Some((last_px, last_scale_px, last_turns)) = self.position.replace((origin_px, scale_px, turns)) else {
             return false;
         };
@@ -316,11 +318,14 @@ mod tests {
         assert!(watched(REST.held(1)).share < 0.06, "not at once");
         let mut estimate = watched(REST.held(30));
         assert!(estimate.share > 0.95 && (estimate.chin() + 1.4).abs() < 1e-3, "{}", estimate.share);
-        let (mut least, mut most) = (0.0_f32, 0.0_f32);
+        let mut least = 0.0_f32;
+        let mut most = 0.0_f32;
         for shot in other.held(40) {
-            let (share, chin) = (estimate.share, estimate.chin());
+            let share = estimate.share;
+            let chin = estimate.chin();
             estimate.step(NeutralMode::Auto, &shot, FRAME_S);
-            (least, most) = (least.min(estimate.share - share), most.max(estimate.share - share));
+            least = least.min(estimate.share - share);
+            most = most.max(estimate.share - share);
             assert!(share == 0.0 || estimate.share == 0.0 || (estimate.chin() - chin).abs() < 0.002);
         }
         assert!(most <= 1.01 * 0.05 * FRAME_S && least >= -1.01 * 0.25 * FRAME_S, "{least} {most}");
@@ -331,7 +336,8 @@ mod tests {
     #[test]
     fn another_person_is_noticed_within_ten_seconds_and_a_wearer_who_looks_away_leaves_or_speaks_is_not_forgotten() {
         let mut estimate = watched(REST.held(40));
-        let (mut other, gap_s) = (estimate.clone(), 60.0);
+        let mut other = estimate.clone();
+        let gap_s = 60.0;
         other.step(NeutralMode::Auto, &Shot { width: 0.2, ..REST }, gap_s);
         other.watch(NeutralMode::Auto, Shot { width: 0.2, ..REST }.held(10));
         assert_eq!(other.forgotten, 1);
@@ -359,7 +365,8 @@ mod tests {
     fn time_that_stands_still_or_jumps_changes_nothing_visible() {
         let before = watched(REST.held(20));
         for step_s in [0.0, 1e9, f32::INFINITY] {
-            let (mut estimate, share) = (before.clone(), before.share);
+            let mut estimate = before.clone();
+            let share = before.share;
             estimate.step(NeutralMode::Auto, &REST, step_s);
             assert!((estimate.share - share).abs() <= 0.05 * 0.1, "no more than in 0.1 s");
             assert!(estimate.used.measures.iter().all(|value| value.is_finite()), "{step_s}");

@@ -146,10 +146,12 @@ mod tests {
             values[0]
         };
         for _ in 0..1000 {
-            let (min, width) = (random.f32(), random.f32());
+            let min = random.f32();
+            let width = random.f32();
             let max = min + (1.0 - min) * width;
             let adjustment = Adjustment { gain: 10.0 * random.f32(), offset: 2.0 * random.f32() - 1.0, min, max };
-            let (x, change) = (random.f32(), 0.001);
+            let x = random.f32();
+            let change = 0.001;
             let [a, b] = [x, x + change].map(|x| apply(adjustment, x));
             assert!((min..=max).contains(&a) && a <= b && b - a <= 10.1 * change, "{adjustment:?} at {x}");
         }

@@ -93,10 +93,12 @@ const WINK_LEAK: f32 = 0.4;
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
     let wink = smoothstep(half, WINK_DIFFERENCE);
-    let (open, shut) = (left.min(right), left.max(right));
+    let open = left.min(right);
+    let shut = left.max(right);
     let both = 0.5 * (left + right) + half * ((shut - 0.3) / 0.5).clamp(0.0, 1.0);
     let free = (open - WINK_LEAK * wink * shut).max(0.0);
-    let [shut, open] = [both + wink * (shut - both), (1.0 - wink) * both + wink * free];
+    let shut = both + wink * (shut - both);
+    let open = (1.0 - wink) * both + wink * free;
     if left >= right { [shut, open] } else { [open, shut] }
 }
 

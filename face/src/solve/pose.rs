@@ -111,7 +111,8 @@ mod tests {
     fn quaternion_rotates_the_gaze_and_is_the_identity_for_a_head_that_faces_the_camera() {
         assert_near(&pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw, &[0.0, 0.0, 0.0, 1.0], 1e-4);
         let gaze = pose([20.0, 10.0, 0.0], 80.0, [320.0, 240.0]).rotation() * Vector3::z();
-        let (yaw, pitch) = (18.0_f32.to_radians(), 10.0_f32.to_radians());
+        let yaw = 18.0_f32.to_radians();
+        let pitch = 10.0_f32.to_radians();
         assert_near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3);
         for roll in [170.0, -170.0] {
             assert!(pose([0.0, 0.0, roll], 80.0, [320.0, 240.0]).rotation_xyzw[3] >= 0.0);

@@ -177,12 +177,16 @@ mod tests {
     fn appearance_layer() -> AppearanceLayer {
         let output = |weight, offset| {
             let mut output = Output { weights: vec![0.0; APPEARANCE_UNITS * COEFFS].into(), offsets: [0.0; COEFFS] };
-            (output.weights[3 * COEFFS + CHEEK_PUFF], output.offsets[CHEEK_PUFF]) = (weight, offset);
+            output.weights[3 * COEFFS + CHEEK_PUFF] = weight;
+            output.offsets[CHEEK_PUFF] = offset;
             output
         };
         let mut weights = vec![0; APPEARANCE_UNITS * APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS];
-        let (mut scales, mut offsets) = ([1.0; APPEARANCE_UNITS], [0.0; APPEARANCE_UNITS]);
-        (weights[APPEARANCE_UNITS + 3], scales[3], offsets[3]) = (50, 0.01, -1.0);
+        let mut scales = [1.0; APPEARANCE_UNITS];
+        let mut offsets = [0.0; APPEARANCE_UNITS];
+        weights[APPEARANCE_UNITS + 3] = 50;
+        scales[3] = 0.01;
+        offsets[3] = -1.0;
         let outputs = Cases { neutral_known: output(0.4, 0.1), neutral_unknown: output(0.3, 0.0) };
         AppearanceLayer { weights: weights.into(), scales, offsets, outputs }
     }
@@ -211,7 +215,8 @@ mod tests {
 
     #[test]
     fn solver_adds_the_residual_which_landmarks_alone_do_not_have() {
-        let (landmarks, camera) = (face([0.0; 3], 80.0, [320.0, 240.0]), Camera::new([640.0, 480.0], 60.0));
+        let landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
+        let camera = Camera::new([640.0, 480.0], 60.0);
         // The face has few points, so only displacements from itself are sensible.
         let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
         let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };

@@ -73,15 +73,31 @@ pub struct FiltersState {
 
 impl Default for FiltersState {
     fn default() -> Self {
-        let coefficients = [const { FilterState::Empty }; COEFFS];
-        let (rotation, position) = (FilterState::Empty, FilterState::Empty);
-        let (sizes, product, last) = (BLENDSHAPES.map(|name| Group::of(name).noise_size()), 0.0, None);
-        let noise = NoiseLevel { sizes, reference: 0.125, highest: 2.0, average_s: 1.0, product, last };
-        // In the dark, the noise of the head's rotation grows more than that of the coefficients.
-        let (sizes, last) = ([SMALL_TURN; 3], None);
-        let head_noise = NoiseLevel { sizes, reference: 0.2, highest: 6.0, average_s: 0.5, product, last };
-        let (still_rotation, still_position, last_rotation) = (None, None, None);
-        Self { noise, head_noise, coefficients, rotation, position, still_rotation, still_position, last_rotation }
+        Self {
+            noise: NoiseLevel {
+                sizes: BLENDSHAPES.map(|name| Group::of(name).noise_size()),
+                reference: 0.125,
+                highest: 2.0,
+                average_s: 1.0,
+                product: 0.0,
+                last: None,
+            },
+            // In the dark, the noise of the head's rotation grows more than that of the coefficients.
+            head_noise: NoiseLevel {
+                sizes: [SMALL_TURN; 3],
+                reference: 0.2,
+                highest: 6.0,
+                average_s: 0.5,
+                product: 0.0,
+                last: None,
+            },
+            coefficients: [const { FilterState::Empty }; COEFFS],
+            rotation: FilterState::Empty,
+            position: FilterState::Empty,
+            still_rotation: None,
+            still_position: None,
+            last_rotation: None,
+        }
     }
 }
 
@@ -198,12 +214,14 @@ impl<const N: usize> NoiseLevel<N> {
 
     fn mean_product(&self, steps: &[f32; N], before: &[f32; N]) -> Option<f32> {
         let [least, greatest] = PRODUCTS;
-        let (mut sum, mut count) = (0.0_f32, 0.0_f32);
+        let mut sum = 0.0_f32;
+        let mut count = 0.0_f32;
         for ((step, before), size) in steps.iter().zip(before).zip(&self.sizes) {
             let product = step * before / (size * size);
             // A coefficient that is 0 all the time tells nothing, and neither does a value that is not a number.
             if product != 0.0 && product.is_finite() {
-                (sum, count) = (sum + product.clamp(least, greatest), count + 1.0);
+                sum += product.clamp(least, greatest);
+                count += 1.0;
             }
         }
         (count > 0.0).then(|| sum / count)
@@ -293,7 +311,8 @@ mod tests {
     }
 
     fn run(kind: FilterKind, poses: impl IntoIterator<Item = HeadPose>) -> Vec<HeadPose> {
-        let (filters, mut state) = (Filters::uniform(kind, 0.2), FiltersState::default());
+        let filters = Filters::uniform(kind, 0.2);
+        let mut state = FiltersState::default();
         poses.into_iter().map(|pose| filters.step_head(&mut state, &pose, 1.0, FRAME_S)).collect()
     }
 

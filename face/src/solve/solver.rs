@@ -151,7 +151,8 @@ impl Solver {
         }
         let corrected = correct(&raw, &self.model.correction, &self.profile);
         let raw_head = HeadPose::new(&face, camera);
-        let (Shaping { rules, filters, adjustments }, history) = (&self.shaping, &mut self.history);
+        let Shaping { rules, filters, adjustments } = &self.shaping;
+        let history = &mut self.history;
         let plausible = rules.step(&mut history.gaze, corrected, step_s);
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
@@ -191,7 +192,8 @@ impl History {
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
-            (self.gaze, self.filters) = (GazeState::default(), FiltersState::default());
+            self.gaze = GazeState::default();
+            self.filters = FiltersState::default();
             self.crossfade = Crossfade::default();
         }
         self.last_us = Some(time_us);
@@ -222,7 +224,8 @@ mod tests {
 
     /// Solutions of a head that turns, 30 a second; `change` is called before frame 10.
     fn solutions(change: impl Fn(&mut Solver, &mut Camera)) -> Vec<Solution> {
-        let (mut solver, mut camera) = (solver(), CAMERA);
+        let mut solver = solver();
+        let mut camera = CAMERA;
         let frame = |number: u16| {
             if number == 10 {
                 change(&mut solver, &mut camera);
@@ -242,7 +245,8 @@ mod tests {
         });
         assert_ne!(got[10].head.position_mm, want[10].head.position_mm);
         for (got, want) in got.iter_mut().zip(&want) {
-            (got.head.position_mm, got.raw_head.position_mm) = (want.head.position_mm, want.raw_head.position_mm);
+            got.head.position_mm = want.head.position_mm;
+            got.raw_head.position_mm = want.raw_head.position_mm;
         }
         assert_eq!(got, want);
         assert_ne!(want, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));

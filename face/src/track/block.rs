@@ -83,7 +83,8 @@ impl<'a> Planes<'a> {
 
     /// The samples of a row from an even column on. Returns `None` for a format that is not converted in groups.
     fn row(&self, [x, y]: [i32; 2]) -> Option<Samples<'a>> {
-        let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
+        let x = usize::try_from(x).ok()?;
+        let y = usize::try_from(y).ok()?;
         match self.pixels {
             Pixels::Yuyv { data, stride } => data.get(y * stride + 2 * x..).map(Samples::Yuyv),
             Pixels::Nv12 { luma, chroma, stride } => {
@@ -118,7 +119,8 @@ pub(super) struct Row {
 impl Row {
     /// The position of a sample. A position that does not fit 16.16 fixed point wraps around.
     pub(super) fn position(&self, number: usize) -> [i32; 2] {
-        let (Self { start: [x, y], step: [right, down] }, number) = (self, signed(number));
+        let Self { start: [x, y], step: [right, down] } = self;
+        let number = signed(number);
         [x.wrapping_add(right.wrapping_mul(number)), y.wrapping_add(down.wrapping_mul(number))]
     }
 
@@ -169,9 +171,11 @@ impl Block {
         // A group begins with a pixel that shares its chroma with the next one.
         self.origin = [left & !1, top];
         let pixels = |first: i32, last: i32| (last - first).unsigned_abs() as usize + 2;
-        (self.width, self.height) = (pixels(left & !1, right).div_ceil(GROUP), pixels(top, bottom));
+        self.width = pixels(left & !1, right).div_ceil(GROUP);
+        self.height = pixels(top, bottom);
         let groups = self.groups.get_mut(..self.width * self.height)?;
-        let ([first, second], [fourth, third]) = (ends(rows.first()?), ends(rows.last()?));
+        let [first, second] = ends(rows.first()?);
+        let [fourth, third] = ends(rows.last()?);
         let relative = |at: i32, origin: i32| at.wrapping_sub(origin << 16) as f32 / 65536.0;
         let corners =
             [first, second, third, fourth].map(|[x, y]| [relative(x, self.origin[0]), relative(y, self.origin[1])]);
@@ -189,7 +193,8 @@ impl Block {
     /// Computes the samples of a row from number `first` on. [`fill`](Self::fill) has converted their pixels.
     pub(super) fn sample(&self, row: &Row, first: usize, scale: f32, output: &mut [f32]) {
         let pixels = self.groups.get(..self.width * self.height).unwrap_or(&[]).as_flattened();
-        let ([x, y], [left, top]) = (row.position(first), self.origin);
+        let [x, y] = row.position(first);
+        let [left, top] = self.origin;
         let start = [x.wrapping_sub(left << 16), y.wrapping_sub(top << 16)];
         sample(&Line { pixels, stride: self.width * GROUP, start, step: row.step, scale }, output);
     }
@@ -201,16 +206,19 @@ impl Block {
 fn groups_around([first, second, third, fourth]: [[f32; 2]; 4], top: usize) -> Range<usize> {
     // A sample also takes pixels from the next row and the next column.
     let ends = [top as f32 - 1.0 - ROUNDING, (top + BAND) as f32 + ROUNDING];
-    let (mut left, mut right) = (f32::MAX, f32::MIN);
+    let mut left = f32::MAX;
+    let mut right = f32::MIN;
     for [from, to] in [[first, second], [second, third], [third, fourth], [fourth, first]] {
-        let (highest, lowest) = (from[1].min(to[1]), from[1].max(to[1]));
+        let highest = from[1].min(to[1]);
+        let lowest = from[1].max(to[1]);
         if highest > ends[1] || lowest < ends[0] {
             continue;
         }
         let slope = if highest < lowest { (to[0] - from[0]) / (to[1] - from[1]) } else { 0.0 };
         for end in ends {
             let x = from[0] + (end.max(highest).min(lowest) - from[1]) * slope;
-            (left, right) = (left.min(x), right.max(x));
+            left = left.min(x);
+            right = right.max(x);
         }
     }
     (left - ROUNDING) as usize / GROUP..(right + 1.0 + ROUNDING) as usize / GROUP + 1
@@ -227,7 +235,9 @@ mod tests {
             for cr in steps() {
                 let [ours, video] = [&FULL_RANGE, &VIDEO_RANGE].map(|factors| factors.pixel([luma, cb, cr]));
                 assert!(ours.iter().chain(&video).all(|channel| (-511..=1023).contains(channel)), "{ours:?} {video:?}");
-                let [y, cb, cr] = [f32::from(luma), f32::from(cb) - 128.0, f32::from(cr) - 128.0];
+                let y = f32::from(luma);
+                let cb = f32::from(cb) - 128.0;
+                let cr = f32::from(cr) - 128.0;
                 let exact = [y + 1.402 * cr, y - 0.344_136 * cb - 0.714_136 * cr, y + 1.772 * cb];
                 for (ours, exact) in ours.into_iter().zip(exact) {
                     assert!((f32::from(ours) - exact).abs() <= 2.01, "{luma} {cb} {cr}: {ours} {exact}");

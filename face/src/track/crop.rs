@@ -77,7 +77,8 @@ pub fn crop(
     output: &mut (impl Rows + ?Sized),
 ) {
     let CropShape { side, border, .. } = shape;
-    let (mapping, pitch) = (region.mapping(), 1.0 / side as f32);
+    let mapping = region.mapping();
+    let pitch = 1.0 / side as f32;
     let step = mapping.across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
     let mut rows = [Row { start: [0; 2], step }; MAX_SIDE];
     for (number, row) in rows.iter_mut().enumerate().take(side) {
@@ -162,7 +163,8 @@ mod tests {
     fn pixels<'a>(random: &mut fastrand::Rng, [width, height]: [usize; 2], data: &'a [u8]) -> Pixels<'a> {
         let pad = random.usize(..20);
         let plane = |from: usize, row: usize, rows: usize| &data[from..from + (row + pad) * (rows - 1) + row];
-        let ([half_width, half_height], stride) = ([width, height].map(|size| size.div_ceil(2)), width + pad);
+        let [half_width, half_height] = [width, height].map(|size| size.div_ceil(2));
+        let stride = width + pad;
         match random.u8(..10) {
             8 | 9 => {
                 let (step, rgb) = [(3, [0, 1, 2]), (3, [2, 1, 0]), (4, [2, 1, 0]), (5, [1, 4, 2])][random.usize(..4)];
@@ -170,13 +172,15 @@ mod tests {
             }
             0 | 1 => Pixels::Yuyv { data: plane(0, 4 * half_width, height), stride: 4 * half_width + pad },
             2 | 3 => {
-                let (luma, chroma) = (plane(0, 2 * half_width, height), plane(7, 2 * half_width, half_height));
+                let luma = plane(0, 2 * half_width, height);
+                let chroma = plane(7, 2 * half_width, half_height);
                 Pixels::Nv12 { luma, chroma, stride: 2 * half_width + pad }
             }
             4 => Pixels::Grey { data: plane(0, width, height), stride },
             _ => {
                 let chroma_shift = [[1, 1], [1, 0], [0, 0], [2, 0], [0, 1]][random.usize(..5)];
-                let [row, rows] = [width.div_ceil(1 << chroma_shift[0]), height.div_ceil(1 << chroma_shift[1])];
+                let row = width.div_ceil(1 << chroma_shift[0]);
+                let rows = height.div_ceil(1 << chroma_shift[1]);
                 let planes = [plane(0, width, height), plane(3, row, rows), plane(9, row, rows)];
                 Pixels::Planar { planes, strides: [stride, row + pad], chroma_shift }
             }
@@ -187,14 +191,16 @@ mod tests {
     fn blocks_of_any_format_size_and_region_give_the_samples_of_single_pixels_bit_for_bit() {
         let mut random = fastrand::Rng::with_seed(11);
         // Without memory for a block, each sample is computed from the four pixels around it.
-        let (mut block, mut plain) = (Block::default(), Block::default());
+        let mut block = Block::default();
+        let mut plain = Block::default();
         plain.groups = Box::default();
         for round in 0..200 {
             let size = [random.usize(1..150), random.usize(1..150)];
             let data: Vec<u8> = (0..120_000).map(|_| random.u8(..)).collect();
             let pixels = pixels(&mut random, size, &data);
             let picture = Picture::new(size[0], size[1], pixels, random.bool()).expect("a whole picture");
-            let (far, large) = ([40.0, 200.0, 1e5][random.usize(..3)], [100.0, 700.0, 5000.0, 1e6][random.usize(..4)]);
+            let far = [40.0, 200.0, 1e5][random.usize(..3)];
+            let large = [100.0, 700.0, 5000.0, 1e6][random.usize(..4)];
             let mut place = |size: usize| random.f32() * size as f32 + (random.f32() - 0.5) * far;
             let centre = [place(size[0]), place(size[1])];
             let angle_rad = (random.f32() - 0.5) * [0.4, 6.3][random.usize(..2)];

@@ -42,7 +42,8 @@ impl Detector {
     /// Returns the region of interest around the face with the highest score that is not among the `known` ones, or `None`
     /// if there is no face.
     pub fn find(&mut self, picture: &Picture, known: &[FaceBox]) -> Result<Option<FaceBox>, InferError> {
-        let [width, height] = [picture.width as f32, picture.height as f32];
+        let width = picture.width as f32;
+        let height = picture.height as f32;
         let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
         crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
         self.network.run()?;
@@ -86,7 +87,8 @@ fn candidates(boxes: &[f32], scores: &[f32]) -> impl Iterator<Item = Candidate> 
     all.filter_map(|((values, &score), [anchor_x, anchor_y])| {
         let score = logistic(score.clamp(-SCORE_CLIP, SCORE_CLIP));
         let [x, y, width, height, x0, y0, x1, y1, ..] = values.map(|value| value / SIDE as f32);
-        let (x, y) = (x + anchor_x, y + anchor_y);
+        let x = x + anchor_x;
+        let y = y + anchor_y;
         let [left, top, right, bottom] = [x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0];
         let values = [left, top, right, bottom, x0 + anchor_x, y0 + anchor_y, x1 + anchor_x, y1 + anchor_y];
         (score >= MIN_SCORE).then_some(Candidate { score, values })
@@ -96,7 +98,8 @@ fn candidates(boxes: &[f32], scores: &[f32]) -> impl Iterator<Item = Candidate> 
 /// The weighted mean of all candidates that overlap the one with the highest score.
 fn strongest(candidates: impl Iterator<Item = Candidate> + Clone) -> Option<Candidate> {
     let best = candidates.clone().max_by(|a, b| a.score.total_cmp(&b.score))?;
-    let (mut sum, mut weight) = ([0.0; 8], 0.0);
+    let mut sum = [0.0; 8];
+    let mut weight = 0.0;
     for candidate in candidates.filter(|candidate| candidate.overlap(&best) > SAME_FACE_IOU) {
         weight += candidate.score;
         for (sum, value) in sum.iter_mut().zip(candidate.values) {

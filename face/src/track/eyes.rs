@@ -38,7 +38,8 @@ pub struct Eyes {
 impl Eyes {
     /// Loads the network.
     pub fn load() -> Result<Self, InferError> {
-        let (samples, pictures) = (vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE], [[0.0; EYE_SIDE * EYE_SIDE]; 2]);
+        let samples = vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE];
+        let pictures = [[0.0; EYE_SIDE * EYE_SIDE]; 2];
         Ok(Self { network: built_in(FILE)?, samples, pictures })
     }
 

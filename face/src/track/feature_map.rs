@@ -47,7 +47,8 @@ fn taps([column, row]: [f32; 2]) -> [Taps; 2] {
     }
     // The last cell of a row is the right one of a pair.
     let [left, top] = [column, row].map(|position| position.floor().min(LAST - 1.0));
-    let (right_weight, bottom_weight) = (column - left, row - top);
+    let right_weight = column - left;
+    let bottom_weight = row - top;
     let at = top as usize * FEATURE_SIZE + left as usize;
     let pair = |row_weight: f32| [(1.0 - right_weight) * row_weight, right_weight * row_weight];
     [(at, pair(1.0 - bottom_weight)), (at + FEATURE_SIZE, pair(bottom_weight))]

@@ -143,8 +143,10 @@ pub struct Mapping {
 impl Mapping {
     /// The position in the picture of `(u, v)`, which run from 0 to 1 across the region.
     pub fn to_picture(self, u: f32, v: f32) -> [f32; 2] {
-        let ([cos, sin], FaceBox { centre, size, .. }) = (self.across, self.region);
-        let (x, y) = ((u - 0.5) * size, (v - 0.5) * size);
+        let [cos, sin] = self.across;
+        let FaceBox { centre, size, .. } = self.region;
+        let x = (u - 0.5) * size;
+        let y = (v - 0.5) * size;
         [centre[0] + cos * x - sin * y, centre[1] + sin * x + cos * y]
     }
 }

@@ -103,7 +103,8 @@ impl Mesh {
         if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
             return Ok(None);
         }
-        let (mesh, map) = (self.backbone.output(0).as_chunks::<3>().0, FeatureMap::new(self.backbone.output(2)));
+        let mesh = self.backbone.output(0).as_chunks::<3>().0;
+        let map = FeatureMap::new(self.backbone.output(2));
         self.landmarks.0.iter_mut().zip(mesh).for_each(|(point, found)| *point = *found);
         let turn = self.turn.filter(|_| self.by_turns);
         for (index, head) in self.heads.iter_mut().enumerate() {
@@ -151,7 +152,8 @@ impl Head {
         for (&correction, &index) in self.corrections.iter().zip(self.refinement.points) {
             if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
                 let [right, down] = transform.turn(correction);
-                [*x, *y] = [*x + right, *y + down];
+                *x += right;
+                *y += down;
             }
         }
         self.place_iris(&transform, landmarks);
@@ -180,7 +182,8 @@ fn replace(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform
 
 /// Converts samples of the backbone's input to pixels of the picture. Depth has the scale of the width.
 fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
-    let (mapping, scale) = (region.mapping(), region.size / SIDE as f32);
+    let mapping = region.mapping();
+    let scale = region.size / SIDE as f32;
     for [x, y, z] in &mut landmarks.0 {
         [*x, *y] = mapping.to_picture(*x / SIDE as f32, *y / SIDE as f32);
         *z *= scale;

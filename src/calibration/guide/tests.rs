@@ -180,7 +180,8 @@ fn poses_are_taken_again_or_left_out_with_the_reason() {
 
 #[test]
 fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeated() {
-    let (mut guide, mut neutrals) = (guide(), 0);
+    let mut guide = guide();
+    let mut neutrals = 0;
     let (outcome, _) = follow(&mut guide, frames_from(0), |take, since_s| {
         neutrals += u32::from(take == Take::Neutral && since_s == 0.0);
         let below = if neutrals == 1 { -0.35 } else { 0.0 };

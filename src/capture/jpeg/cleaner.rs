@@ -126,7 +126,8 @@ impl<'a> Image<'a> {
         let mut restarts = (marker::RESTART_0..=marker::RESTART_7).cycle();
         loop {
             let start = self.at;
-            (self.bits, self.bits_left) = (0, 0);
+            self.bits = 0;
+            self.bits_left = 0;
             for _ in 0..left.min(interval) {
                 self.read_unit()?;
             }
@@ -146,7 +147,8 @@ impl<'a> Image<'a> {
 
     /// Reads the next marker, passing over fill bytes (0xff) and up to `max_stray_bytes` other bytes before it.
     fn marker(&mut self, max_stray_bytes: usize) -> Result<u8, FrameFault> {
-        let (mut stray_bytes, mut last) = (0, 0);
+        let mut stray_bytes = 0;
+        let mut last = 0;
         while let Some(byte) = self.jpeg.get(self.at) {
             self.at += 1;
             match byte {
@@ -241,7 +243,8 @@ impl<'a> Image<'a> {
         let mut coefficient = 1;
         while coefficient < BLOCK_COEFFICIENTS {
             let code = self.read_code(ac)?;
-            let (zeros, bits) = (code >> 4, code & 15);
+            let zeros = code >> 4;
+            let bits = code & 15;
             // A code without a value ends the block, except for a run of 16 zeros.
             if bits == 0 && zeros < 15 {
                 break;
@@ -257,14 +260,17 @@ impl<'a> Image<'a> {
     fn read_code(&mut self, table: &HuffmanTable) -> Result<u8, FrameFault> {
         self.load();
         let next = (self.bits << 16 >> self.bits_left) as u32 & 0xffff;
-        let (mut first, mut index) = (0, 0);
+        let mut first = 0;
+        let mut index = 0;
         for (length, count) in (1..).zip(table.counts) {
-            let (code, count) = (next >> (16 - length), u32::from(count));
+            let code = next >> (16 - length);
+            let count = u32::from(count);
             if code < first + count {
                 self.consume(length)?;
                 return table.values.get((index + code - first) as usize).copied().ok_or(FrameFault::Corrupt);
             }
-            (first, index) = (2 * (first + count), index + count);
+            first = 2 * (first + count);
+            index += count;
         }
         Err(FrameFault::Corrupt)
     }

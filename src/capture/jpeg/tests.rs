@@ -14,7 +14,9 @@ use super::*;
 fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>> {
     let length = yuv_pixels_len(width, 1, height, subsamp).unwrap();
     let mut image = YuvImage { pixels: vec![0; length], width, align: 1, height, subsamp };
-    let (luma_width, luma_height, chroma_width) = (image.y_width(), image.y_height(), image.uv_width().max(1));
+    let luma_width = image.y_width();
+    let luma_height = image.y_height();
+    let chroma_width = image.uv_width().max(1);
     let (luma, chroma) = image.pixels.split_at_mut(luma_width * luma_height);
     let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
     luma.iter_mut().enumerate().for_each(|(at, sample)| *sample = (40 + at % luma_width + at / luma_width) as u8);
@@ -42,7 +44,8 @@ fn every_chroma_subsampling_is_decoded_within_2_of_the_original() {
     use Subsamp::{Gray, None, Sub1x2, Sub1x4, Sub2x1, Sub2x2, Sub4x1};
     let is_near = |a: &[u8], b: &[u8]| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 2);
     for subsamp in [None, Sub2x1, Sub2x2, Sub1x2, Sub4x1, Sub1x4, Gray] {
-        let (mut decoder, truth) = (decoder(), slopes(WIDTH, HEIGHT, subsamp));
+        let mut decoder = decoder();
+        let truth = slopes(WIDTH, HEIGHT, subsamp);
         decoder.decode(&jpeg(WIDTH, HEIGHT, subsamp)).unwrap();
         let picture = decoder.picture().unwrap();
         assert!(picture.full_range);
@@ -84,7 +87,8 @@ fn every_truncation_that_loses_data_is_refused_and_no_damaged_byte_panics_or_spo
 fn an_image_of_another_kind_or_size_is_refused_with_its_fault() {
     let mut compressor = Compressor::new().unwrap();
     compressor.set_lossless(true).unwrap();
-    let (pixels, format) = (vec![90_u8; 3 * WIDTH * HEIGHT], turbojpeg::PixelFormat::RGB);
+    let pixels = vec![90_u8; 3 * WIDTH * HEIGHT];
+    let format = turbojpeg::PixelFormat::RGB;
     let image = turbojpeg::Image { pixels: &pixels[..], width: WIDTH, pitch: 3 * WIDTH, height: HEIGHT, format };
     let lossless = compressor.compress_to_vec(image).unwrap();
     let mut compressor = Compressor::new().unwrap();
@@ -92,7 +96,8 @@ fn an_image_of_another_kind_or_size_is_refused_with_its_fault() {
     let progressive = compressor.compress_yuv_to_vec(slopes(WIDTH, HEIGHT, Subsamp::Sub2x2).as_deref()).unwrap();
     decoder().decode(&progressive).unwrap();
     let scan = progressive.windows(2).rposition(|pair| pair == [0xff, 0xda]).unwrap();
-    let (start, last) = (&progressive[..scan], &progressive[scan..progressive.len() - 2]);
+    let start = &progressive[..scan];
+    let last = &progressive[scan..progressive.len() - 2];
     let endless_scans = [start, &last.repeat(10_000), END_OF_IMAGE].concat();
     let wider = jpeg(WIDTH + 1, HEIGHT, Subsamp::Sub2x2);
     let table: [(&[u8], _); 6] = [
@@ -168,7 +173,8 @@ fn segment_of(marker: u8, content: &[u8]) -> Vec<u8> {
 /// Frames that have all their blocks. OpenCV decodes all of them to [`OPENCV_SUM`], except for those with two start
 /// markers or no end marker, which it refuses.
 fn whole_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
-    let (last, data) = (markers(image).len() - 1, segment(image, 0xda));
+    let last = markers(image).len() - 1;
+    let data = segment(image, 0xda);
     let avi1 = segment_of(0xe0, &[&b"AVI1"[..], &[0; 27]].concat());
     let fields = [avi1.clone(), segment_of(0xe4, &[0x55; 10_000]), segment_of(0xfe, b"X")].concat();
     let without_tables =

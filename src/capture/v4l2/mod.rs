@@ -113,14 +113,18 @@ impl CameraSource {
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
     fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
-        let (handle, timeout) = (&self.handle, self.timeout);
+        let handle = &self.handle;
+        let timeout = self.timeout;
         wait(handle, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
-        let (mut skipped, mut left_out, mut patience) = (0, 0, timeout);
+        let mut skipped = 0;
+        let mut left_out = 0;
+        let mut patience = timeout;
         loop {
             let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
-            let (number, now_us) = (self.taken, monotonic_us());
+            let number = self.taken;
+            let now_us = monotonic_us();
             self.taken += 1;
             let stated_us = captured_us(meta, now_us);
             if let Some(captured_us) = stated_us {
@@ -207,7 +211,8 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
     let wanted = Format::new(choice.size[0], choice.size[1], FourCC::new(&choice.format.fourcc()));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
     Layout::of(&set).ok_or_else(|| {
-        let (path, Format { fourcc, width, height, .. }) = (path.display(), set);
+        let path = path.display();
+        let Format { fourcc, width, height, .. } = set;
         let fault = format!("answered with {fourcc} {width}x{height}, which cannot be read");
         CaptureError::Unusable(format!("{path} {fault}; set another camera.format or size"))
     })
@@ -285,7 +290,8 @@ impl Store {
         if let Some(decoder) = &self.jpeg {
             return decoder.picture();
         }
-        let (Layout { format, width, height, stride, full_range }, data) = (self.layout, &self.raw);
+        let Layout { format, width, height, stride, full_range } = self.layout;
+        let data = &self.raw;
         let pixels = match format {
             PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
             PixelFormat::Nv12 => {

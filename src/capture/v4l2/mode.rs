@@ -128,7 +128,8 @@ impl Mode {
     /// The mode at its best size for the wish, once for each range of rates.
     fn choices(&self, wish: &Wish) -> impl Iterator<Item = Choice> {
         let [width, height] = self.size;
-        let (format, size) = (self.format, [width.at_least(wish.width), height.at_least(wish.height)]);
+        let format = self.format;
+        let size = [width.at_least(wish.width), height.at_least(wish.height)];
         let unknown = self.rates.is_empty().then_some(Choice { format, size, rate: None });
         let nearest = |&Rates { slowest, fastest }: &Rates| match wish.rate.fps() {
             fps if fps <= slowest.fps() => slowest,
@@ -143,7 +144,8 @@ impl Choice {
     /// Returns a number for each criterion of [`choose`], in the same order; smaller numbers are better. A rate that the
     /// driver does not list counts as the wanted one.
     fn cost(&self, wish: &Wish) -> [u64; 5] {
-        let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
+        let fps = self.rate.unwrap_or(wish.rate).fps();
+        let wanted = wish.rate.fps();
         let millihertz = |hertz: f64| (hertz * 1000.0).round() as u64;
         let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
         let [width, height] = self.size;
@@ -239,7 +241,9 @@ mod tests {
 
     #[test]
     fn ranges_of_sizes_and_rates_give_the_wanted_mode_and_an_unknown_rate_counts_as_the_wanted_one() {
-        let (slowest, fastest, ntsc) = (wish(1, 1, 1).rate, wish(1, 1, 60).rate, FrameRate::new(30_000, 1001).unwrap());
+        let slowest = wish(1, 1, 1).rate;
+        let fastest = wish(1, 1, 60).rate;
+        let ntsc = FrameRate::new(30_000, 1001).unwrap();
         let size = [2592, 1944].map(|max| Steps { min: 32, max, step: 2 });
         let with = |rates| [Mode { format: Yuyv, size, rates }, mode(Mjpeg, [640, 480], &[30])];
         let camera = with(vec![Rates { slowest, fastest }]);

@@ -195,7 +195,8 @@ pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureErr
     GUARDED.set(before);
     outcome.unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-        let (path, reason) = (path.display(), text.unwrap_or("without a message"));
+        let path = path.display();
+        let reason = text.unwrap_or("without a message");
         let fault = format!("returned a value that the kernel does not define ({reason})");
         Err(CaptureError::Unusable(format!("the driver of {path} {fault}; use another camera")))
     })
@@ -209,7 +210,9 @@ mod tests {
     fn units_of_a_processor_are_no_cameras_and_a_device_that_could_not_be_examined_is_told() {
         let mut found = Found::default();
         for driver in NO_CAMERAS.into_iter().chain(["uvcvideo", "bm2835 mmal", "unicam", "v4l2 loopback"]) {
-            let (node, card, driver) = ("/dev/video14".into(), driver.to_owned(), driver.to_owned());
+            let node = "/dev/video14".into();
+            let card = driver.to_owned();
+            let driver = driver.to_owned();
             found.add(Ok(Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }));
         }
         found.add(Err(CaptureError::Gone));

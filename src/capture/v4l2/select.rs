@@ -48,7 +48,8 @@ pub(super) fn start_one<T>(
     wish: &Wish,
     mut start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
 ) -> Result<T, CaptureError> {
-    let (begun_us, mut errors) = (monotonic_us(), Vec::new());
+    let begun_us = monotonic_us();
+    let mut errors = Vec::new();
     let ranked = rank(&FAILED.lock().unwrap_or_else(PoisonError::into_inner), &cameras, wanted, wish);
     let mut note = if wanted == AUTO { String::new() } else { ambiguity(&ranked) };
     for Camera { node, .. } in &ranked {
@@ -110,7 +111,8 @@ mod tests {
 
     fn camera(number: u32, card: &str, format: Option<PixelFormat>) -> Camera {
         let size = [640, 480].map(Steps::one);
-        let (node, driver) = (format!("/dev/video{number}").into(), "uvcvideo".to_owned());
+        let node = format!("/dev/video{number}").into();
+        let driver = "uvcvideo".to_owned();
         let links = vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()];
         let modes = format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect();
         Camera { node, card: card.to_owned(), driver, is_usb: number > 0, links, modes }
@@ -127,7 +129,8 @@ mod tests {
 
     #[test]
     fn auto_tries_usb_cameras_first_and_those_that_failed_last_and_a_name_those_that_it_is_part_of() {
-        let (grey, nv12) = (Some(PixelFormat::Grey), Some(PixelFormat::Nv12));
+        let grey = Some(PixelFormat::Grey);
+        let nv12 = Some(PixelFormat::Nv12);
         let table: [(&[&str], _, _, &[&str], _); 9] = [
             (&[], "auto", None, &["2", "4", "0"], "a node without a usable mode is left out"),
             (&["2"], "auto", None, &["4", "0", "2"], "one failed"),
@@ -141,7 +144,8 @@ mod tests {
         ];
         for (failed, wanted, format, expected, what) in table {
             let node = |number: &&str| PathBuf::from(format!("/dev/video{number}"));
-            let (failed, cameras) = (failed.iter().map(node).collect::<Vec<_>>(), four());
+            let failed = failed.iter().map(node).collect::<Vec<_>>();
+            let cameras = four();
             let ranked = rank(&failed, &cameras, wanted, &Wish { format, ..WISH });
             let nodes = ranked.iter().map(|camera| camera.node.clone());
             assert!(nodes.eq(expected.iter().map(node)), "{what}: {ranked:?}");

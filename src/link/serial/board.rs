@@ -65,7 +65,8 @@ impl PortSearch {
         }
         match boards.as_slice() {
             [board] => {
-                (self.chosen, self.missed_at) = (Some(board.clone()), None);
+                self.chosen = Some(board.clone());
+                self.missed_at = None;
                 Ok(board.clone())
             }
             [] if self.wanted == Attached::Maestro => {
@@ -159,7 +160,9 @@ mod tests {
 
     #[test]
     fn of_several_boards_none_is_taken_but_the_one_that_is_in_use_is_kept() {
-        let (head, other, now) = (("Head", (0x2341, 0x0043)), ("Other", (0x239a, 0x80f4)), Instant::now());
+        let head = ("Head", (0x2341, 0x0043));
+        let other = ("Other", (0x239a, 0x80f4));
+        let now = Instant::now();
         // Somebody must choose.
         finds(&[head, other], Microcontroller, None, ": Head-if00, Other-if00");
         let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);

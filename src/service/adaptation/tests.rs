@@ -132,7 +132,8 @@ fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step
 fn heat_that_follows_the_load_does_not_make_the_steps_oscillate() {
     for ambient_c in [30.0, 40.0, 50.0, 60.0, 70.0, 78.0] {
         let mut rehearsal = Rehearsal::default();
-        let (mut temperature_c, mut is_hot) = (ambient_c, false);
+        let mut temperature_c = ambient_c;
+        let mut is_hot = false;
         while rehearsal.now_us < 24 * 60 * MINUTE {
             let step = rehearsal.adaptation.step;
             let share = step.busy(PERIOD).div_duration_f64(step.period(PERIOD));

@@ -19,7 +19,7 @@ pub(super) struct Recording {
     sent_us: u64,
     last: Option<Entry>,
     /// Frames that the client did not take in time, and all that were lost, as the client was told.
-    refused: u64,
+    pub(super) refused: u64,
     lost: u64,
 }
 

@@ -1,15 +1,15 @@
-use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, Permissions};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
 use std::thread;
+use std::time::Instant;
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use facewire_face::{Landmarks, Picture, Pixels};
-use facewire_packet::control::{ChannelStatus, Drive, Phase, PictureFormat, Progress, Refusal};
-use facewire_packet::{BLENDSHAPES, Reason, State, yaw_pitch_roll_deg};
+use facewire_face::{Landmarks, Picture, Pixels, Profile};
+use facewire_packet::control::{ChannelStatus, Phase, PictureFormat, PictureHead, Progress, Refusal};
+use facewire_packet::{Reason, State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
 use triple_buffer::{Output as Newest, triple_buffer};
 
@@ -49,14 +49,20 @@ impl Rig {
         fs::write(folder.path().join("model.toml"), toml::to_string(&blank_model_file()).unwrap()).unwrap();
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let mut settings = Settings::default();
-        (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
-        let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-        let ((to_hot, told), (adopt, changes)) = (mpsc::channel(), mpsc::channel());
-        let ((shown, watched), (reload, reloads)) = (observer::channel(), mpsc::channel());
+        settings.wearer.folder = path("profiles");
+        settings.solver.model = path("model.toml");
+        let (observer, observed) = observer::channel();
+        let (recorder, recorded) = observer::channel();
+        let (to_hot, told) = mpsc::channel();
+        let (adopt, changes) = mpsc::channel();
+        let (shown, watched) = observer::channel();
+        let (reload, reloads) = mpsc::channel();
         let hot = Arc::new(Mailbox { changes: to_hot, thread: thread::current() });
         let path = folder.path().join("run/control");
         let (pictures, copier) = picture::channel();
-        let ((puppet, played), sender, counters) = (triple_buffer(&None), thread::current(), Arc::default());
+        let (puppet, played) = triple_buffer(&None);
+        let sender = thread::current();
+        let counters = Arc::default();
         let loader = Loader::start().unwrap();
         let peers =
             Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters };
@@ -221,7 +227,8 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
         let made = |mode| fs::create_dir(&run).and_then(|()| fs::set_permissions(&run, Permissions::from_mode(mode)));
         folder_mode.iter().for_each(|mode| made(*mode).unwrap());
         let _answers = rig.calibrate("anna");
-        let (control, socket) = (rig.server.start().unwrap(), run.join("control"));
+        let socket = run.join("control");
+        let control = rig.server.start().unwrap();
         let mode_of = |path: &std::path::Path| fs::metadata(path).map(|file| file.permissions().mode() & 0o777).ok();
         eventually("the mode of the socket", || mode_of(&socket) == Some(mode));
         let of_folder = folder_mode.or(Some(0o700));
@@ -271,7 +278,8 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
 
 /// A recording, its client, the ring of its frames, and the far end of its client.
 fn recording() -> (Recording, Client, Observer<Recorded>, Observed<Recorded>, Answers) {
-    let ((client, far), (observer, mut observed)) = (client(), observer::channel());
+    let (client, far) = client();
+    let (observer, mut observed) = observer::channel();
     observed.ask(true);
     (Recording::default(), client, observer, observed, Answers::of(far))
 }
@@ -315,7 +323,8 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
         recording.step(&mut client, &mut observed, is_camera_open, now_us).unwrap();
     }
     let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.pose.unwrap_err()));
-    let (face, camera) = (Reason::NoFace, Reason::NoCamera);
+    let face = Reason::NoFace;
+    let camera = Reason::NoCamera;
     let want = [(second, face), (2 * second, face), (2 * second + 2_050_000, camera), (2 * second + 2_050_001, face)];
     assert_eq!(entries.collect::<Vec<_>>(), want);
     assert_eq!(answers.lost, Some(0), "the client hears from the service");
@@ -325,12 +334,13 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
 fn watchers_are_shown_the_newest_packet_and_one_that_does_not_read_holds_up_no_other() {
     let mut rig = Rig::new();
     rig.shown.publish(|| panic!("nobody watches"));
-    let (mut first, slow) = (rig.ask(Request::Watch {}), rig.ask(Request::Watch {}));
+    let mut first = rig.ask(Request::Watch {});
+    let slow = rig.ask(Request::Watch {});
     let mut seen = Vec::new();
     for sequence in 0..4000 {
         rig.shown.publish(|| Packet { sequence: 1, ..Packet::NEUTRAL });
         rig.shown.publish(|| Packet { sequence, ..Packet::NEUTRAL });
-        rig.server.shown_at = None;
+        rig.server.shown = Shown::default();
         rig.server.serve();
         let Some(Reply::Packet(bytes)) = first.next() else { panic!("{sequence}: no packet") };
         seen.push(Packet::decode(&BASE64_STANDARD.decode(bytes).unwrap()).unwrap().sequence);
@@ -347,11 +357,13 @@ fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
     let mut rig = Rig::new();
     let channels = "[[link.channel]]\nchannel = 3\noffset = 0.25\n[[link.channel]]\nchannel = 1\n";
     let toml = format!("[[link]]\naddress = \"127.0.0.1:9\"\n[[link]]\nkind = \"pca9685\"\nbus = 255\n{channels}");
-    let (counters, settings) = (&rig.server.peers.counters, config::parse("test", &toml).unwrap());
+    let counters = &rig.server.peers.counters;
+    let settings = config::parse("test", &toml).unwrap();
     let mut links = Links::change(&settings, Vec::new(), &counters.traffic).unwrap();
     counters.set_panels(links.panels());
     links.send_last(&test_output(State::Live));
-    let (packets, panels) = (&counters.traffic.packets, links.panels());
+    let packets = &counters.traffic.packets;
+    let panels = links.panels();
     eventually("two packets, and a trouble of the servos", || {
         packets.load(Relaxed) == 2 && panels[1].trouble().is_some()
     });
@@ -370,7 +382,8 @@ fn rig_with_servos() -> (Rig, Board, Vec<Arc<Panel>>) {
     let channels = "[[link.channel]]\nchannel = 3\nspeed_per_s = 2.0\nacceleration_per_s2 = 20.0\nsources = { jawOpen = 1.0 }\n\
                     [[link.channel]]\nchannel = 1\nspeed_per_s = 1.0\n";
     let links = format!("[[link]]\naddress = \"127.0.0.1:9\"\n[[link]]\nkind = \"pca9685\"\nbus = 255\n{channels}");
-    let (rig, settings) = (Rig::new(), config::parse("test", &links).unwrap());
+    let rig = Rig::new();
+    let settings = config::parse("test", &links).unwrap();
     let counters = &rig.server.peers.counters;
     let panels = Links::change(&settings, Vec::new(), &counters.traffic).unwrap().panels();
     counters.set_panels(panels.clone());
@@ -437,10 +450,15 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
 
 #[test]
 fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_get_no_pulses() {
-    let ((mut rig, mut board, panels), mut random) = (rig_with_servos(), fastrand::Rng::with_seed(1));
-    let (step, limits) = (Duration::from_millis(20), [(1.0, f32::INFINITY), (2.0, 20.0)]);
-    let (mut now, mut far, mut before) = (Instant::now(), rig.driver(), [(0.0, 0.0); 2]);
-    let (mut driven, mut pulses) = (0, 0);
+    let (mut rig, mut board, panels) = rig_with_servos();
+    let mut random = fastrand::Rng::with_seed(1);
+    let step = Duration::from_millis(20);
+    let limits = [(1.0, f32::INFINITY), (2.0, 20.0)];
+    let mut now = Instant::now();
+    let mut far = rig.driver();
+    let mut before = [(0.0, 0.0); 2];
+    let mut driven = 0;
+    let mut pulses = 0;
     for _ in 0..10_000 {
         let number = ["0", "1", "-1", "0.5", "1e30", "-1e30", "1e999", "null", "[]", "\"1\""][random.usize(..10)];
         let line = match random.u32(..8) {
@@ -482,7 +500,8 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
     let mut asks_landmarks = rig.ask(Request::Landmarks {});
     rig.reload(|settings| settings.console.picture = true);
     let mut asks = rig.ask(Request::Picture {});
-    let (data, mut landmarks) = (vec![7; 1000 * 1000], Landmarks::zero());
+    let data = vec![7; 1000 * 1000];
+    let mut landmarks = Landmarks::zero();
     landmarks.0[1] = [30.0, 40.0, 5.0];
     let picture = Picture::new(1000, 1000, Pixels::Grey { data: &data, stride: 1000 }, true).unwrap();
     let frame = Frame { content: Content::Picture(picture), captured_us: 5, number: 0 };
@@ -514,7 +533,8 @@ fn camera_picture_is_shown_with_its_landmarks_only_if_the_settings_allow_it() {
 #[test]
 fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_a_place_beside_many_watchers() {
     let mut rig = Rig::new();
-    let (mut asks, gone) = (rig.ask(Request::Reload {}), rig.ask(Request::Reload {}));
+    let mut asks = rig.ask(Request::Reload {});
+    let gone = rig.ask(Request::Reload {});
     drop(gone);
     rig.server.serve();
     let _others: Vec<_> = (0..7).map(|_| rig.ask(Request::Watch {})).collect();
@@ -537,7 +557,8 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
 #[test]
 fn a_camera_with_a_frame_in_two_seconds_is_soon_known_to_be_slow_and_a_silent_one_is_told_all_the_same() {
     let guide = Guide::new(blank_model_file().to_model().unwrap());
-    let ((mut client, _far), mut guiding) = (client(), Guiding { guide, observed_us: 0, told: None });
+    let (mut client, _far) = client();
+    let mut guiding = Guiding { guide, observed_us: 0, told: None };
     // Asks as the service does, several times between two frames. Returns the seconds in which a picture was missed.
     let mut missed = |period_s, seconds: std::ops::Range<u64>| -> Vec<u64> {
         let is_missed = |second: &u64| {

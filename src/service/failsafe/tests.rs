@@ -46,7 +46,8 @@ fn yaw_deg(pose: &Pose) -> f32 {
 
 impl Run {
     fn new() -> Self {
-        let (failsafe, history) = (Failsafe::new(&SETTINGS, FRAME_US), History::default());
+        let failsafe = Failsafe::new(&SETTINGS, FRAME_US);
+        let history = History::default();
         Self { failsafe, history, now_us: 5_000_000 }
     }
 
@@ -187,7 +188,8 @@ fn every_fault_is_sent_with_its_reason_until_a_pose_is_followed() {
 #[test]
 fn a_pose_with_one_bad_number_is_rejected_whole_and_rounding_is_not_bad() {
     let [mut nan, mut beyond] = [all(0.5); 2];
-    (nan.coefficients[20], beyond.coefficients[51]) = (f32::NAN, 1.01);
+    nan.coefficients[20] = f32::NAN;
+    beyond.coefficients[51] = 1.01;
     let rotations = [[0.0, 0.0, 0.0, f32::NAN], [0.0; 4]].map(|rotation| Pose { rotation, ..all(0.5) });
     let far = Pose { position_mm: [0.0, 0.0, f32::INFINITY], ..all(0.5) };
     for bad in [nan, beyond, far].into_iter().chain(rotations) {
@@ -233,8 +235,10 @@ fn packets_come_at_least_10_times_per_second_whatever_the_settings_and_the_camer
     for (settings, frame_period_us) in [(patient, FRAME_US), (SETTINGS, 1_000_000)] {
         let mut run = Run::live(&all(1.0));
         run.failsafe = Failsafe::new(&settings, frame_period_us);
-        let (mut pace, mut output) = (Pace::default(), run.news(None));
-        let (mut wait_us, mut silent_us) = (0, 0);
+        let mut pace = Pace::default();
+        let mut output = run.news(None);
+        let mut wait_us = 0;
+        let mut silent_us = 0;
         for _ in 0..1000 {
             wait_us = run.failsafe.wait_us(&run.history).min(wait_us);
             output = run.wait(wait_us);

@@ -51,7 +51,8 @@ struct Speed {
 impl Speed {
     fn of(multiply_adds: usize, time: Duration, peak_per_s: f64) -> Self {
         let per_s = multiply_adds as f64 / time.as_secs_f64().max(f64::MIN_POSITIVE);
-        let (p50_us, percent_of_peak) = (time.as_secs_f64() * 1e6, 100.0 * per_s / peak_per_s);
+        let p50_us = time.as_secs_f64() * 1e6;
+        let percent_of_peak = 100.0 * per_s / peak_per_s;
         Self { p50_us, multiply_adds, g_per_s: per_s / 1e9, percent_of_peak }
     }
 
@@ -87,7 +88,9 @@ impl Layers {
     /// Returns the instruction set, and the speed of the networks of a followed face.
     pub fn summary(&self) -> String {
         let Speed { p50_us, percent_of_peak, .. } = self.frame;
-        let (kernels, peak, p50_ms) = (self.kernels, self.peak_g_per_s, p50_us / 1000.0);
+        let kernels = self.kernels;
+        let peak = self.peak_g_per_s;
+        let p50_ms = p50_us / 1000.0;
         format!("{kernels}; {p50_ms:.2} ms, {percent_of_peak:.0} % of {peak:.1} G multiply-adds/s, on one thread")
     }
 

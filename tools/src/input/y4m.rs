@@ -34,13 +34,17 @@ type Layout = Option<[u8; 2]>;
 impl<R: BufRead> Y4mSource<R> {
     /// Reads the header. `origin` names the source to the operator. A stream that states no rate has the given one.
     pub fn open(mut input: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
-        let (mut line, origin) = (Vec::new(), origin.to_owned());
+        let mut line = Vec::new();
+        let origin = origin.to_owned();
         let is_whole = read_line(&mut input, &mut line)?;
         let fields = line.strip_prefix(b"YUV4MPEG2 ").ok_or_else(|| refused("does not begin with YUV4MPEG2"))?;
         if !is_whole {
             return Err(refused("ends within its header"));
         }
-        let ([mut width, mut height], mut rate, mut layout, mut full_range) = ([0; 2], rate, Some([1, 1]), false);
+        let [mut width, mut height] = [0; 2];
+        let mut rate = rate;
+        let mut layout = Some([1, 1]);
+        let mut full_range = false;
         // Aspect ratio, interlacing and comments are ignored.
         for field in fields.split(|&byte| byte == b' ') {
             let number = |digits| str::from_utf8(digits).ok().and_then(|digits| digits.parse().ok()).unwrap_or(0);
@@ -57,7 +61,8 @@ impl<R: BufRead> Y4mSource<R> {
         if !size.iter().all(|side| (1..=MAX_SIDE_PX).contains(side)) {
             return Err(CaptureError::picture_size(width, height));
         }
-        let (offset, samples) = (line.len() as u64 + 1, Vec::new());
+        let offset = line.len() as u64 + 1;
+        let samples = Vec::new();
         Ok(Self { input, offset, line, samples, read: 0, ended: false, origin, size, rate, layout, full_range })
     }
 
@@ -77,7 +82,8 @@ impl<R: BufRead> Y4mSource<R> {
             let place = format!("at byte {start}, before frame {}", self.read);
             return Err(CaptureError::BadFile(format!("the stream is damaged {place}; copy or record it again")));
         }
-        let ([width, height], [columns, rows]) = (self.size, self.chroma_size());
+        let [width, height] = self.size;
+        let [columns, rows] = self.chroma_size();
         let wanted = width * height + 2 * columns * rows;
         self.samples.clear();
         self.samples.reserve_exact(wanted);
@@ -98,7 +104,9 @@ impl<R: BufRead> Y4mSource<R> {
     }
 
     fn picture(&self) -> Option<Picture<'_>> {
-        let ([width, height], [columns, rows], data) = (self.size, self.chroma_size(), &self.samples);
+        let [width, height] = self.size;
+        let [columns, rows] = self.chroma_size();
+        let data = &self.samples;
         let pixels = match self.layout {
             None => Pixels::Grey { data, stride: width },
             Some(chroma_shift) => {
@@ -116,7 +124,8 @@ impl<R: BufRead> Source for Y4mSource<R> {
         if !self.skip()? {
             return Ok(None);
         }
-        let ([width, height], number) = (self.size, self.read - 1);
+        let [width, height] = self.size;
+        let number = self.read - 1;
         let picture = self.picture().ok_or_else(|| CaptureError::picture_size(width, height))?;
         Ok(Some(Frame { content: Content::Picture(picture), captured_us: self.rate.stamp_us(number), number }))
     }
@@ -128,7 +137,8 @@ impl<R: BufRead> Source for Y4mSource<R> {
     }
 
     fn describe(&self) -> Description<'_> {
-        let ([width, height], format) = (self.size, if self.layout.is_some() { "YUV" } else { "GREY" });
+        let [width, height] = self.size;
+        let format = if self.layout.is_some() { "YUV" } else { "GREY" };
         Description { origin: &self.origin, format, width, height, rate: Some(self.rate) }
     }
 }

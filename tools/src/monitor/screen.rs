@@ -60,7 +60,8 @@ pub fn enter() -> io::Result<Restore> {
 }
 
 pub fn draw(listen: &str, tally: &Tally, now: Instant) -> io::Result<()> {
-    let (mut out, (width, height)) = (io::stdout(), crossterm::terminal::size()?);
+    let mut out = io::stdout();
+    let (width, height) = crossterm::terminal::size()?;
     queue!(out, BeginSynchronizedUpdate)?;
     for (y, line) in (0..height).zip(picture(listen, tally, now, width.into())) {
         // The line is cleared first: after a full line, clearing would erase its last character.
@@ -73,7 +74,8 @@ pub fn draw(listen: &str, tally: &Tally, now: Instant) -> io::Result<()> {
 /// Returns all lines from the top, with colours.
 fn picture(listen: &str, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
     let column = (width.saturating_sub(2 * GAP) / 2).min(WIDEST_COLUMN);
-    let (slot, gap) = (column.saturating_sub(NAME_WIDTH + GAP) / 2, " ".repeat(GAP));
+    let slot = column.saturating_sub(NAME_WIDTH + GAP) / 2;
+    let gap = " ".repeat(GAP);
     let packet = tally.packets.newest.as_ref().map_or(Packet::NEUTRAL, |newest| newest.packet);
     let heading = format!("{:NAME_WIDTH$}{:slot$}{gap}{:slot$}", "", "left", "right").dim().to_string();
     let [status, counts, footer] = texts(listen, tally, now);
@@ -200,7 +202,8 @@ mod tests {
 
     #[test]
     fn the_picture_fits_80_by_24_characters_fills_wider_terminals_and_shows_state_and_silence() {
-        let (mut tally, now) = (Tally::default(), Instant::now());
+        let mut tally = Tally::default();
+        let now = Instant::now();
         let status = |tally: &Tally, now| visible(&picture("", tally, now, 80)[0]);
         assert_eq!(status(&tally, now), "○ waiting for packets");
         let full = Packet { state: State::Live, sequence: 65535, coefficients: [1.0; 52], ..Packet::NEUTRAL };

@@ -47,7 +47,8 @@ impl<const N: usize> Window<N> {
 
     /// The mean of the curve over the last `window_s` seconds, with weights of `exp(-2 age / window_s)`.
     pub fn weighted_mean(&self, window_s: f32) -> [f32; N] {
-        let (mut age_s, mut before) = (0.0_f32, 1.0);
+        let mut age_s = 0.0_f32;
+        let mut before = 1.0;
         self.weighted(|span_s| {
             age_s = (age_s + span_s).min(window_s);
             let after = (-2.0 * age_s / window_s).exp();
@@ -58,7 +59,8 @@ impl<const N: usize> Window<N> {
     }
 
     fn weighted(&self, mut weight_of: impl FnMut(f32) -> f32) -> [f32; N] {
-        let (mut sum, mut total) = ([0.0; N], 0.0);
+        let mut sum = [0.0; N];
+        let mut total = 0.0;
         for (value, span_s) in iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
             let weight = weight_of(*span_s);
             add(&mut sum, weight, *value);
@@ -93,12 +95,17 @@ impl<const N: usize> Past<N> {
     /// Filters the value `x`, `dt_s` seconds after the last one (eq. 11). Fewer than two values in the window have no
     /// deviation, so that `x` passes.
     pub fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
-        let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, [0.0; N], 0.0, 0.0);
+        let mut count = 0.0;
+        let mut sum = [0.0; N];
+        let mut squares = 0.0;
+        let mut oldest_s = 0.0;
         for (value, age_s) in self.values(filter.time_s, dt_s) {
             // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
             let from_x = difference(value, x);
             add(&mut sum, 1.0, from_x);
-            (count, squares, oldest_s) = (count + 1.0, squares + square(from_x), age_s);
+            count += 1.0;
+            squares += square(from_x);
+            oldest_s = age_s;
         }
         let mut value = x;
         if count >= 2.0 {

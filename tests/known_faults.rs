@@ -157,7 +157,7 @@ fn is_live_by(clock: Clock) -> bool {
     machine.show_clip(Camera { formats: &["MJPG"], clock, ..Camera::default() });
     let (service, receiver) = machine.serve(AUTO);
     receiver.packet();
-    eventually("frames with a face", || counted(&service.status(), "faces") >= 20);
+    eventually("frames with a face", || counted(&service.status(), "faces") >= 10);
     receiver.rest().iter().any(|packet| packet.state == State::Live)
 }
 

@@ -17,9 +17,9 @@ pub struct Interface;
 impl Interface {
     pub const ADDRESS: &str = "10.77.0.1";
 
-    /// Runs this test, the calling one, again in a namespace with this interface alone, and returns it there. Returns `None` in the
-    /// first process, after the other one has passed, or after the test was skipped because this machine allows no
-    /// namespace.
+    /// Runs the calling test, whose name is `test`, again in a namespace with this interface alone, and returns it there.
+    /// Returns `None` in the first process, after the other one has passed, or after the test was skipped because this
+    /// machine allows no namespace.
     pub fn inside(test: &str) -> Option<Self> {
         if env::var_os(INSIDE).is_some() {
             return Some(Self);

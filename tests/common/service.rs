@@ -100,14 +100,6 @@ impl Service {
         self.log().matches(text).count()
     }
 
-    /// Asks for a status line, and returns the log with it. The service must have sent a packet before.
-    pub fn status(&self) -> String {
-        let lines = self.logged(" cameras_opened=");
-        self.signal(Signal::USR1);
-        eventually("a status line", || self.logged(" cameras_opened=") > lines);
-        self.log()
-    }
-
     pub fn await_log(&self, text: &str) {
         let begun = Instant::now();
         while self.logged(text) == 0 {

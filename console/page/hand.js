@@ -120,8 +120,6 @@ export function Slider({ value, move, disabled, ...attributes }) {
     thumb.from = undefined;
     hand.letGo();
   };
-  // A browser says nothing more of a slider that is disabled in the hand.
-  useEffect(end, [disabled]);
   return html`<input type="range" ...${attributes} disabled=${disabled} value=${hand.held ?? String(value)} onInput=${slide}
     onPointerDown=${begin} onPointerMove=${drag} onPointerUp=${tap} onLostPointerCapture=${end} />`;
 }

@@ -12,7 +12,7 @@ use std::{
 
 use common::{
     browser::{Browser, element, labelled, or_arm},
-    packet,
+    eventually, packet,
     service::{Console, Seen, elsewhere},
     skip,
 };
@@ -56,20 +56,22 @@ fn have_ended(seen: &Seen) -> bool {
 
 /// Presses a button of an armed page, and again if the page has disarmed meanwhile, until the service has seen what follows.
 fn press_armed(console: &Console, browser: &mut Browser, button: &str, fits: impl Fn(&Seen) -> bool) {
-    while !fits(&console.service.seen.lock().unwrap()) {
+    eventually(button, || {
         browser.click_on(&or_arm(button));
         browser.wait_for_picture();
-    }
+        fits(&console.service.seen.lock().unwrap())
+    });
 }
 
 /// Sets an end or the rest of channel 0 where its slider is dragged to, until the page shows what follows.
 fn set_here(browser: &mut Browser, value: f64, button: &str, text: &str) {
     let is_shown = format!("document.body.innerText.includes({text:?})");
-    while browser.value(&is_shown) != true {
+    eventually(text, || {
         browser.drive(&element(SLIDER), value);
         browser.click_on(&or_arm(button));
         browser.settle();
-    }
+        browser.value(&is_shown) == true
+    });
 }
 
 /// The reader of pages for people who cannot see them: finds what they could not use.
@@ -243,22 +245,21 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
     let has_stepped = |seen: &Seen| {
         seen.lines.iter().any(|(_, line)| (0.254..0.256).contains(&line["position"].as_f64().unwrap_or(0.0)))
     };
-    loop {
+    eventually("a step by a key", || {
+        browser.drive(&element(SLIDER), 0.0);
+        browser.drive(&element(SLIDER), 0.25);
         if browser.tab_to(&element(SLIDER)) {
             browser.press("ArrowRight");
         }
         browser.await_statuses(browser.statuses() + 2);
-        if has_stepped(&console.service.seen.lock().unwrap()) {
-            break;
-        }
-        browser.drive(&element(SLIDER), 0.0);
-        browser.drive(&element(SLIDER), 0.25);
-    }
+        has_stepped(&console.service.seen.lock().unwrap())
+    });
     // The heartbeat goes on while nothing moves.
     let beats = console.service.seen.lock().unwrap().lines.len();
-    while console.service.seen.lock().unwrap().lines.len() <= beats + 5 {
+    eventually("the heartbeat", || {
         browser.arm();
-    }
+        console.service.seen.lock().unwrap().lines.len() > beats + 5
+    });
     drop(browser);
     console.service.until(have_ended);
     let lines = &console.service.seen.lock().unwrap().lines;
@@ -270,12 +271,12 @@ fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     browser.arm();
     browser.click_on(&or_arm("Disarm"));
-    while !have_ended(&console.service.seen.lock().unwrap()) {
+    eventually("the end of the drive", || {
         if browser.is_armed() {
             browser.click_on(&or_arm("Disarm"));
         }
-        browser.wait_for_picture();
-    }
+        have_ended(&console.service.seen.lock().unwrap())
+    });
     browser.arm();
     browser.turn_to("health");
     console.service.until(have_ended);
@@ -549,11 +550,12 @@ fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
     let moved = positions(&console.service.seen.lock().unwrap());
     assert!(moved[before..].iter().all(|position| *position <= 0.25), "{moved:?}");
     // A tap means it.
-    while !is_at(0.5)(&console.service.seen.lock().unwrap()) {
+    eventually("a tap that moves", || {
         browser.arm();
         browser.tap_middle(&element(SLIDER));
         browser.await_statuses(browser.statuses() + 2);
-    }
+        is_at(0.5)(&console.service.seen.lock().unwrap())
+    });
 }
 
 #[test]
@@ -635,10 +637,7 @@ fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
         browser.value("[...document.querySelectorAll('#page-links h2')].map((heading) => heading.textContent)");
     assert_eq!(headings, json!(["Links", "Settings", "Access"]));
     browser.click("Go back to it");
-    let fits = |console: &Console| console.settings().contains("fps = 50");
-    while !fits(&console) {
-        browser.wait_for_picture();
-    }
+    eventually("the earlier version", || console.settings().contains("fps = 50"));
 }
 
 #[test]

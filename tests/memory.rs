@@ -13,8 +13,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Command;
 
+use common::project;
 use common::service::{DEMO, Receiver, Service, counted};
-use common::{eventually, project};
 use tempfile::TempDir;
 
 /// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
@@ -107,7 +107,10 @@ fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decod
     let before = hook.read();
     let mapped = mappings(&service);
     let frames_before = counted(&service.status(), "frames");
-    eventually("frames", || counted(&service.status(), "frames") > frames_before + FRAMES);
+    // On a busy machine, the service leaves most frames out.
+    while counted(&service.status(), "frames") <= frames_before + FRAMES {
+        receiver.live_packets(20);
+    }
     let after = hook.read();
     assert_eq!(mapped, mappings(&service), "the process has mapped or unmapped memory");
 

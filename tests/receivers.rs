@@ -175,7 +175,9 @@ fn a_running_service_serves_every_receiver_and_a_standard_output_that_nobody_rea
     assert!(run.err.contains("INFO") && !run.out.contains("INFO"), "the log goes to standard error");
     let lines: Vec<Value> = run.out.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     assert!(lines.len() > 20 && lines.len() + 1 >= run.out.lines().count(), "{} lines", lines.len());
-    assert!(lines.iter().all(|line| line["coefficients"].as_object().unwrap().len() == BLENDSHAPES.len()));
+    for line in &lines {
+        assert_eq!(line["coefficients"].as_object().map(serde_json::Map::len), Some(BLENDSHAPES.len()), "{line}");
+    }
 }
 
 /// The values of a universe and whether its datagram ends the stream, by the layouts of both protocols.

@@ -16,7 +16,7 @@ import csv
 import sys
 
 COEFFICIENTS = ("jawOpen", "eyeBlinkLeft", "eyeBlinkRight")
-LEAST_CORRELATION = 0.7
+LEAST_CORRELATION = 0.85
 
 
 def read(path):

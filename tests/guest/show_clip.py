@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Shows frames of the built-in clip to a camera, one by one: the next comes once a packet gives the pose of the last.
 
-show_clip.py CAMERA FILM.avi PACKETS.csv SHOWN.csv FIRST END STEP
+show_clip.py CAMERA FILM.avi PACKETS.csv SHOWN.csv FRAME...
 
-CAMERA is uvc, the USB webcam, or mjpeg or yuyv, the format of a v4l2loopback camera. The frames are those from FIRST up to
-END, without END, by STEP. PACKETS.csv is what tests/packet_recorder.py records. When all frames were shown, SHOWN.csv gives
-the time of capture in the packets of each. The last frame is then repeated until this program is ended.
+CAMERA is uvc, the USB webcam, or mjpeg or yuyv, the format of a v4l2loopback camera. PACKETS.csv is what
+tests/packet_recorder.py records. When all frames were shown, SHOWN.csv gives the time of capture in the packets of each. The
+last frame is then repeated until this program is ended.
 """
 
 import csv
@@ -117,10 +117,10 @@ class Screen:
 
 def main():
     """Shows the frames."""
-    if len(sys.argv) != 8:
+    if len(sys.argv) < 6:
         sys.exit(__doc__)
     name, film, packets, shown = sys.argv[1:5]
-    numbers = range(*map(int, sys.argv[5:]))
+    numbers = [int(number) for number in sys.argv[5:]]
     camera = Webcam(film) if name == "uvc" else Loopback(film, name, numbers)
     screen = Screen(camera, Poses(packets))
     rows = [(number, screen.show(number)) for number in numbers]

@@ -116,12 +116,14 @@ read_frames() {
     [ "$(counted frames)" -ge "$1" ] 2>/dev/null
 }
 
-# show_clip CAMERA FIRST END STEP: the face of the built-in clip reaches the packets, with a pose of its own for each of these
+# show_clip CAMERA FRAME...: the face of the built-in clip reaches the packets, with a pose of its own for each of these
 # frames (see show_clip.py). Each is shown once the packets have the pose of the one before, however long that takes.
 show_clip() {
     cp receivers.py show_clip.py truth.csv $work
     : >$work/packets.csv
-    python3 $work/show_clip.py "$1" $work/demo.avi $work/packets.csv $work/shown.csv "$2" "$3" "$4" &
+    camera=$1
+    shift
+    python3 $work/show_clip.py "$camera" $work/demo.avi $work/packets.csv $work/shown.csv "$@" &
     feeder=$!
     start_service
     while [ ! -e $work/shown.csv ] && kill -0 $feeder 2>/dev/null; do sleep 0.2; done

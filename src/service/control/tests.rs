@@ -16,7 +16,6 @@ use triple_buffer::{Output as Newest, triple_buffer};
 use super::super::observer::{self, Observer};
 use super::super::picture;
 use super::calibrate::Guiding;
-use super::drive::DRIVE_PATIENCE;
 use super::*;
 use crate::calibration::test_wearer::{blank_model_file, pose};
 use crate::calibration::{Guide, Seen, Take, model_hash};

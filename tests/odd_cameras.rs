@@ -108,7 +108,7 @@ fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
         (Camera::failing("ENUM_FRAMESIZES", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
     ];
     for (camera, mode) in table {
-        let machine = Cameras::with(&[camera]);
+        let machine = Cameras::one(&camera);
         let (service, receiver) = machine.serve(AUTO);
         receiver.until(IS_NO_FACE);
         service.await_log(&format!("(/dev/video0): {mode}"));
@@ -225,7 +225,7 @@ fn a_camera_that_comes_back_with_another_number_is_found_by_its_name_and_by_its_
     let camera = Camera { card: "UVC Camera", intervals: FPS_120, ..Camera::default() };
     let socket = "by-path/platform-usb-0:1:1.0-video-index0";
     for device in ["uvc camera", &format!("/dev/v4l/{socket}")] {
-        let machine = Cameras::with(&[camera.clone()]);
+        let machine = Cameras::one(&camera);
         machine.link(socket, 0);
         let (service, receiver) = machine.serve(&settings_for(device));
         receiver.until(IS_NO_FACE);
@@ -243,7 +243,7 @@ fn a_camera_that_comes_back_with_another_number_is_found_by_its_name_and_by_its_
 #[test]
 fn a_camera_that_falls_silent_is_closed_and_opened_again() {
     let camera = Camera { intervals: FPS_120, ..Camera::default() };
-    let machine = Cameras::with(&[camera.clone()]);
+    let machine = Cameras::one(&camera);
     let (service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
     receiver.until(IS_NO_FACE);
     machine.change(0, &Camera { limit: Some(0), ..camera.clone() });
@@ -266,7 +266,7 @@ fn after_an_error_of_the_driver_the_camera_is_opened_again() {
         ("QBUF", Errno::IO, "camera lost: the camera failed while sending frames: Input/output error"),
         ("DQBUF", Errno::NODEV, "camera lost: the camera is gone; plug it in again"),
     ] {
-        let machine = Cameras::with(&[camera.clone()]);
+        let machine = Cameras::one(&camera);
         let (service, receiver) = machine.serve(AUTO);
         receiver.until(IS_NO_FACE);
         machine.change(0, &Camera { failures: vec![Failure { call, error, nth: 1 }], ..camera.clone() });
@@ -279,7 +279,7 @@ fn after_an_error_of_the_driver_the_camera_is_opened_again() {
 #[test]
 fn a_camera_that_cannot_be_stopped_ends_the_service() {
     let camera = Camera { intervals: FPS_120, ..Camera::default() };
-    let machine = Cameras::with(&[camera.clone()]);
+    let machine = Cameras::one(&camera);
     let (mut service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
     receiver.until(IS_NO_FACE);
     machine.change(0, &Camera { limit: Some(0), ..Camera::failing("STREAMOFF", Errno::IO) });

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::process::Command;
-use std::thread;
+use std::{slice, thread};
 
 use facewire::capture::{Clip, Source as _};
 use facewire_face::Pixels;
@@ -253,6 +253,11 @@ impl Cameras {
         let machine = Self { folder, _owner: Some(owner) };
         (0..).zip(cameras).for_each(|(number, camera)| machine.plug(number, camera));
         machine
+    }
+
+    /// A machine with this camera as `/dev/video0`.
+    pub fn one(camera: &Camera) -> Self {
+        Self::with(slice::from_ref(camera))
     }
 
     /// Runs the calling test again in a process that has these cameras, and returns them there. Returns `None` in the first

@@ -47,7 +47,11 @@ fn packets_come_again_when_the_interface_is_back_and_its_loss_is_reported_once()
     for times in 1..=2 {
         interface.take_down();
         near.packet();
-        eventually("a word about the network", || service.logged("the network takes no packets") == times);
+        // The log says so with a status line.
+        eventually("a word about the network", || {
+            service.status();
+            service.logged("the network takes no packets") == times
+        });
         assert_eq!(counted(&service.status(), "links_open"), 1, "{}", service.log());
         far.rest();
         (0..5).for_each(|_| _ = near.packet());

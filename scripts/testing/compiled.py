@@ -3,6 +3,9 @@
 A compiled crate depends on its source, its features, its profile and the compiler, which cargo puts into the names of its files,
 and not on the checkout. Crates of this repository are never kept: cargo judges them by the times of their files, which differ
 between checkouts.
+
+Usage: compiled.py SOURCE TARGET
+Adds to the target folder of cargo TARGET the crates that the target folder SOURCE holds.
 """
 
 import contextlib
@@ -11,6 +14,7 @@ import os
 import pathlib
 import re
 import shutil
+import sys
 
 # The names of the packages of this repository begin so.
 OWN = "facewire"
@@ -32,8 +36,7 @@ def units(profile):
 
 
 def copy(source, target):
-    """Adds to the folder `target` the registry crates of the folder `source` that it lacks. Returns the number of files."""
-    count = 0
+    """Adds to the target folder `target` the registry crates of the target folder `source` that it lacks."""
     # target/PROFILE, target/TRIPLE/PROFILE
     for fingerprints in [*source.glob("*/.fingerprint"), *source.glob("*/*/.fingerprint")]:
         for path in units(fingerprints.parent):
@@ -42,8 +45,6 @@ def copy(source, target):
                 continue
             to.parent.mkdir(parents=True, exist_ok=True)
             place(path, to)
-            count += 1
-    return count
 
 
 def place(path, to):
@@ -80,3 +81,7 @@ def give(cache, target):
     """Keeps the crates that a target folder holds."""
     with kept(cache) as folder:
         copy(target, folder)
+
+
+if __name__ == "__main__":
+    copy(pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]))

@@ -149,16 +149,36 @@ class Sources(unittest.TestCase):
             "facewire-tools": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
             "facewire-console": ("package-amd64", "guest-cases", "unit"),
             "facewire-bridge": ("package-amd64", "guest-cases", "unit"),
+            "facewire-python": ("python", "unit"),
         }
         known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
+        packages = proof.workspace(ROOT)
         for program, names in programs.items():
-            described = (steps.target_folder() / "debug" / f"{program}.d").read_text().partition(":")[2]
-            paths = [pathlib.Path(path).resolve() for path in described.split()]
-            sources = [str(path.relative_to(ROOT)) for path in paths if path.is_relative_to(ROOT)]
+            sources = {source for crate in with_dependencies(packages, program) for source in sources_of(crate)}
             self.assertGreater(len(sources), 20, program)
             for name in names:
-                unread = [path for path in sources if not path.startswith("target/") and not steps.is_read(known[name], path)]
+                unread = [path for path in sorted(sources) if not steps.is_read(known[name], path)]
                 self.assertEqual(unread, [], f"{name} runs {program}")
+
+
+def with_dependencies(packages, name):
+    """Returns the package and those of the workspace that it is made of."""
+    needed = {found["name"] for found in packages[name]["dependencies"] if found["kind"] != "dev"} & packages.keys()
+    return {name}.union(*(with_dependencies(packages, other) for other in needed))
+
+
+def sources_of(package):
+    """Returns the files of this checkout that cargo lists as those of a crate, when it is compiled for programs."""
+    crate = package.replace("-", "_")
+    lists = list((steps.target_folder() / "debug" / "deps").glob(f"{crate}-*.d"))
+    # The unit tests of a library are a program, which is made of more files.
+    libraries = [path for path in lists if path.with_name(f"lib{path.stem}.rmeta").exists()]
+    found = set()
+    for path in libraries or lists:
+        names = path.read_text().splitlines()[0].partition(":")[2].split()
+        paths = [(ROOT / name).resolve() for name in names]
+        found |= {str(path.relative_to(ROOT)) for path in paths if path.is_relative_to(ROOT) and path.exists()}
+    return {path for path in found if not path.startswith("target/")}
 
 
 class Compiled(unittest.TestCase):

@@ -82,6 +82,8 @@ fn sources(libraries: &Path) -> Vec<PathBuf> {
             sources.extend(files.filter(|_| is_library).map(|file| root.join(file.replace("\\ ", " "))));
         }
     }
+    // What a build script has written is older or newer, as its crate was compiled for other purposes before or since.
+    sources.retain(|source| !source.starts_with(libraries.parent().unwrap()));
     sources
 }
 

@@ -76,7 +76,8 @@ fn sources(libraries: &Path) -> Vec<PathBuf> {
         let name = list.file_stem().unwrap().to_str().unwrap().rsplit_once('-').map_or("", |(name, _)| name);
         if is_list && crates.iter().any(|known| known == name) {
             let text = fs::read_to_string(&list).unwrap();
-            let is_library = text.contains(&format!("/lib{name}-"));
+            // The unit tests of a library are made of more files. They are a program or, for clippy, have no code.
+            let is_library = text.contains(&format!("/lib{name}-")) && text.contains(".rlib:");
             // A line with a file and a colon alone stands for each of them.
             let files = text.lines().filter_map(|line| line.strip_suffix(':'));
             sources.extend(files.filter(|_| is_library).map(|file| root.join(file.replace("\\ ", " "))));

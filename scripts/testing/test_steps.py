@@ -171,8 +171,8 @@ def sources_of(package):
     """Returns the files of this checkout that cargo lists as those of a crate, when it is compiled for programs."""
     crate = package.replace("-", "_")
     lists = list((steps.target_folder() / "debug" / "deps").glob(f"{crate}-*.d"))
-    # The unit tests of a library are a program, which is made of more files.
-    libraries = [path for path in lists if path.with_name(f"lib{path.stem}.rmeta").exists()]
+    # The unit tests of a library are made of more files. They are a program or, for clippy, have no code.
+    libraries = [path for path in lists if path.with_name(f"lib{path.stem}.rlib").exists()]
     found = set()
     for path in libraries or lists:
         names = path.read_text().splitlines()[0].partition(":")[2].split()

@@ -194,7 +194,7 @@ class Run:
 
     def environment_of(self, step):
         """Returns the environment of a step: each has a list of its own of what it skips."""
-        return {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step))}
+        return {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step)), "FACEWIRE_STEPS_FOLDER": str(self.folder)}
 
     def log(self, step):
         """Returns the file of the step's output."""

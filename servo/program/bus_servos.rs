@@ -233,9 +233,16 @@ fn a_scan_lists_the_servos_of_a_line_and_moves_none() {
         bus.lock().echoes = true;
         let mut command = facewire(["devices", "--scan", text(&bus.device)]);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines().take(2).map(Result::unwrap);
-        let want = [2, 5].map(|id| format!("servo {id} at 1000000 baud: model {model}, family = \"{family}\""));
-        assert_eq!(lines.collect::<Vec<_>>(), want);
+        // The servos are at a pseudo-terminal, which has no rate, and a busy machine may let one answer too late for the first.
+        let mut missing = vec!["servo 2", "servo 5"];
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        while !missing.is_empty() {
+            let line = lines.next().unwrap();
+            let (servo, found) = line.split_once(" at ").unwrap();
+            assert!(["servo 2", "servo 5"].contains(&servo), "{line}");
+            assert!(found.ends_with(&format!(" baud: model {model}, family = \"{family}\"")), "{line}");
+            missing.retain(|other| *other != servo);
+        }
         let progress = BufReader::new(child.stderr.take().unwrap()).lines().next().map(Result::unwrap);
         assert_eq!(progress.as_deref(), Some("facewire: searching at 1000000 baud by protocol 1.0"));
         child.kill().and_then(|()| child.wait()).unwrap();

@@ -8,9 +8,7 @@ use std::{fs, thread};
 use common::{
     Sending, Viewer,
     browser::{Browser, element},
-    packet,
-    ports::HeldPort,
-    skip,
+    packet, skip,
 };
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 
@@ -244,16 +242,14 @@ fn a_page_with_the_token_of_an_earlier_start_says_so() {
     if !Browser::is_installed() {
         return skip("there is no chromium; scripts/setup tests installs it");
     }
-    let held = HeldPort::new();
-    let port = held.address().port();
-    let listen = format!("0.0.0.0:{port}");
-    let viewer = Viewer::with(&["--listen", &listen, "--udp", "127.0.0.1:0"]);
-    let path = viewer.path("");
+    let viewer = Viewer::with(&["--listen", "0.0.0.0:0", "--udp", "127.0.0.1:0"]);
+    let (_, port) = viewer.host().rsplit_once(':').unwrap();
+    let (port, path) = (port.to_owned(), viewer.path(""));
     let mut browser = Browser::start(1280, 900);
     browser.open(&format!("http://127.0.0.1:{port}{path}"));
     browser.wait_until("document.getElementById('state').textContent === 'waiting for packets'");
     drop(viewer);
-    let _again = Viewer::with(&["--listen", &listen, "--udp", "127.0.0.1:0"]);
+    let _again = Viewer::with(&["--listen", &format!("0.0.0.0:{port}"), "--udp", "127.0.0.1:0"]);
     browser.wait_until("document.getElementById('state').textContent.includes('lacks the token')");
 }
 
@@ -263,22 +259,13 @@ fn the_plot_begins_anew_when_the_program_starts_again() {
     const DRAWN: &str = "(() => { const c = document.getElementById('plot'); const { data } = c.getContext('2d') \
         .getImageData(0, c.height * 0.15, c.width, c.height * 0.7); let n = 0; for (let i = 0; i < data.length; i += 4) \
         n += data[i] < 90 && data[i + 1] > 120 && data[i + 2] > 140 && data[i + 3] > 100; return n; })()";
-    if !Browser::is_installed() {
-        return skip("there is no chromium; scripts/setup tests installs it");
-    }
-    let held = HeldPort::new();
-    let listen = held.address().to_string();
-    let start = || Viewer::with(&["--listen", &listen, "--udp", "127.0.0.1:0"]);
-    let viewer = start();
-    let sending = Sending::to(viewer.packets_to(), packet(&[("jawOpen", 0.5)]));
-    let mut browser = Browser::start(1280, 900);
-    browser.open(&viewer.url);
+    let Some((viewer, sending, mut browser)) = open(1280, 900, packet(&[("jawOpen", 0.5)])) else { return };
     browser.wait_until(&format!("{DRAWN} > 100"));
-    drop(sending);
+    let (host, udp) = (viewer.host().to_owned(), viewer.packets_to().to_string());
     drop(viewer);
-    let again = start();
     // A coefficient that is not in the plot tells that the packets are new: in silence the face fades to neutral as well.
-    let _sending = Sending::to(again.packets_to(), packet(&[("noseSneerLeft", 0.5)]));
+    sending.show(packet(&[("noseSneerLeft", 0.5)]));
+    let _again = Viewer::with(&["--listen", &host, "--udp", &udp]);
     wait_for(&mut browser, "noseSneerLeft", "0.50");
     browser.wait_for_picture();
     assert_eq!(browser.value(DRAWN), 0, "samples of the earlier start are still drawn");

@@ -4,8 +4,6 @@
 #[path = "../../../tests/common/board.rs"]
 pub mod board;
 pub mod browser;
-#[path = "../../../tests/common/ports.rs"]
-pub mod ports;
 pub mod service;
 #[path = "../../../tests/common/skip.rs"]
 mod skip;

@@ -23,16 +23,17 @@ LINKED = {".rlib", ".rmeta", ".so"}
 
 
 def units(profile):
-    """Yields the files of the registry crates in a folder of cargo that has a folder `.fingerprint`."""
-    names = [name for name in os.listdir(profile / ".fingerprint") if not name.startswith(OWN)]
+    """Yields the files of the registry crates in a folder of cargo that has a folder `.fingerprint`: the fingerprint last, without
+    which cargo compiles a crate again."""
+    names = [path.name for path in (profile / ".fingerprint").iterdir() if not path.name.startswith(OWN)]
     hashes = {name.rpartition("-")[2] for name in names}
-    for name in names:
-        for folder in (profile / ".fingerprint" / name, profile / "build" / name):
-            yield from (path for path in folder.rglob("*") if path.is_file())
-    for path in (profile / "deps").iterdir():
+    for path in (profile / "deps").glob("*"):
         found = re.search(r"-([0-9a-f]{16})\.", path.name)
         if found and found[1] in hashes:
             yield path
+    for kind in ("build", ".fingerprint"):
+        for name in names:
+            yield from (path for path in (profile / kind / name).rglob("*") if path.is_file())
 
 
 def copy(source, target):
@@ -41,14 +42,13 @@ def copy(source, target):
     for fingerprints in [*source.glob("*/.fingerprint"), *source.glob("*/*/.fingerprint")]:
         for path in units(fingerprints.parent):
             to = target / path.relative_to(source)
-            if to.exists():
-                continue
-            to.parent.mkdir(parents=True, exist_ok=True)
-            place(path, to)
+            if not to.exists():
+                to.parent.mkdir(parents=True, exist_ok=True)
+                place(path, to)
 
 
 def place(path, to):
-    """Links or copies a file. The time stays, because cargo compares it."""
+    """Links or copies a file, whole or not at all. The time stays, because cargo compares it."""
     if path.suffix in LINKED:
         try:
             os.link(path, to)
@@ -56,9 +56,9 @@ def place(path, to):
         except OSError:
             # The cache is on another file system.
             pass
-    shutil.copy2(path, to)
-
-
+    incomplete = to.with_name(f"{to.name}.incomplete")
+    shutil.copy2(path, incomplete)
+    incomplete.replace(to)
 
 
 @contextlib.contextmanager

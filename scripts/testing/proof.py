@@ -1,5 +1,6 @@
 """What this machine has proven: a stamp is an empty file, named after what was run, with the hash of all that it read."""
 
+import fnmatch
 import hashlib
 import json
 import os
@@ -11,26 +12,50 @@ import sys
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "facewire"
 # Folders that belong to a crate beside the one that they are in.
 BELONGS = {"models": "facewire-face"}
+# Files that several crates are compiled or tested with.
+SHARED = (
+    ".cargo/*", ".config/*", "Cargo.lock", "Cargo.toml", "boards/*", "clippy.toml", "docs/service.md", "fuzz/src/*",
+    "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*", "tests/skips-allowed",
+)
+
+
+def paths(root):
+    """Returns the paths of the files that git tracks or would add."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=root, stdout=subprocess.PIPE)
+    found = sorted({path for path in os.fsdecode(listed.stdout).split("\0") if path and (root / path).is_file()})
+    if not found:
+        sys.exit(f"scripts/test: git lists no files in {root}, and without them nothing can be proven: use a git checkout")
+    return found
 
 
 def files(root):
-    """Returns the hash of each file that git tracks or would add, by its path."""
-    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-    listed = subprocess.run(command, cwd=root, check=True, stdout=subprocess.PIPE).stdout.decode()
-    paths = sorted({path for path in listed.split("\0") if path and (root / path).is_file()})
-    return {path: hashlib.sha256((root / path).read_bytes()).hexdigest() for path in paths}
+    """Returns the hash of each file, with whether it may be executed, by its path."""
+
+    def content(path):
+        return f"{hashlib.sha256(path.read_bytes()).hexdigest()} {path.stat().st_mode & 0o111:o}"
+
+    return {path: content(root / path) for path in paths(root)}
 
 
 def machine():
-    """Returns what decides besides files: the compiler, Python and the kind of processor."""
+    """Returns what decides besides files: the compiler, Python, the kind of processor, and variables that cargo and tests read."""
     rust = subprocess.run(["rustc", "-vV"], check=True, stdout=subprocess.PIPE, text=True).stdout
-    return f"{rust}{sys.version}{platform.machine()}"
+    variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if is_read_by_builds(name)]
+    return "\n".join([rust, sys.version, platform.machine(), *variables])
+
+
+def is_read_by_builds(name):
+    """Whether a variable of the environment can change what is built or tested, rather than where or when."""
+    return name.startswith(("CARGO_", "FACEWIRE_", "NEXTEST_", "RUSTC", "RUSTDOCFLAGS", "RUSTFLAGS")) and name not in (
+        "CARGO_HOME", "CARGO_TARGET_DIR", "FACEWIRE_SCREENSHOTS", "FACEWIRE_STEPS", "FACEWIRE_TEST_ALL"
+    )
 
 
 def stamp(name, about, contents):
     """Returns the stamp of what reads these files only, given as hashes by path."""
-    told = [about, *(f"{path} {content}" for path, content in contents.items())]
-    return CACHE / "proven" / f"{name}-{hashlib.sha256(chr(10).join(told).encode()).hexdigest()[:24]}"
+    told = "\n".join([about, *(f"{path} {content}" for path, content in contents.items())])
+    return CACHE / "proven" / f"{name}-{hashlib.sha256(os.fsencode(told)).hexdigest()[:24]}"
 
 
 def prove(path):
@@ -61,9 +86,32 @@ def owners(root, packages, paths):
 
 
 def crate_stamps(root, packages, about, contents):
-    """Returns the stamp of each package: its own tests have passed with these files of its own."""
+    """Returns the stamp of each package: its own tests have passed with these files. A package reads its own files, those of the
+    packages that it uses, and what no package has to itself."""
     owned = owners(root, packages, contents)
+
+    def reads(name, path):
+        return owned[path] in with_dependencies(packages, name) or fits(path, SHARED)
+
     return {
-        name: stamp(name, about, {path: content for path, content in contents.items() if owned[path] == name})
-        for name in packages
+        name: stamp(name, about, {path: content for path, content in contents.items() if reads(name, path)}) for name in packages
     }
+
+
+def with_dependencies(packages, name, found=frozenset()):
+    """Returns the package, and those of the workspace that it or its tests use."""
+    if name in found or name not in packages:
+        return found
+    found |= {name}
+    for needed in packages[name]["dependencies"]:
+        found = with_dependencies(packages, needed["name"], found)
+    return found
+
+
+def fits(path, patterns):
+    """Whether the last of the patterns that fits a path is without a `!`. A * stands for any characters, slashes too."""
+    decided = False
+    for pattern in patterns:
+        if fnmatch.fnmatchcase(path, pattern.removeprefix("!")):
+            decided = not pattern.startswith("!")
+    return decided

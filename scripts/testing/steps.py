@@ -3,8 +3,9 @@
 not proven yet. steps.toml describes the steps."""
 
 import argparse
+import contextlib
 import dataclasses
-import fnmatch
+import fcntl
 import os
 import pathlib
 import shutil
@@ -22,7 +23,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 # The step in which the tests of all crates pass.
 TESTS = "unit"
 # How many steps run beside each other. Few of them keep two cores busy all the time.
-BESIDE = int(os.environ.get("FACEWIRE_STEPS", "3"))
+BESIDE = max(1, int(os.environ.get("FACEWIRE_STEPS", "3")))
 # The exit status of a step that this machine cannot run. Its last line says why.
 SKIPPED = 77
 # How often a line says what runs.
@@ -69,11 +70,7 @@ def load(path):
 
 def is_read(step, path):
     """Whether a change of the file can change the outcome of the step."""
-    decided = False
-    for pattern in step.reads:
-        if fnmatch.fnmatchcase(path, pattern.removeprefix("!")):
-            decided = not pattern.startswith("!")
-    return decided
+    return proof.fits(path, step.reads)
 
 
 def stamp(step, about, contents):
@@ -150,17 +147,23 @@ class Run:
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         with self.ended:
-            self.children.remove(child)
-            _, began = self.running.pop(step.name)
-            verdict = {0: "passed", SKIPPED: "skipped"}.get(child.returncode, "FAILED")
-            if verdict == "skipped" and not self.may_skip(step):
-                verdict = "FAILED"
-            outcome = Outcome(verdict, time.monotonic() - began, used.ru_utime + used.ru_stime)
-            self.outcomes[step.name] = outcome
-            self.say_end(step, outcome)
-            if verdict == "passed" and not self.skips(step):
-                self.prove(step)
-            self.ended.notify()
+            try:
+                self.note_end(step, child, used)
+            finally:
+                self.ended.notify()
+
+    def note_end(self, step, child, used):
+        """Notes, proves and prints how a step ended that has used these resources."""
+        self.children.remove(child)
+        _, began = self.running.pop(step.name)
+        verdict = {0: "passed", SKIPPED: "skipped"}.get(child.returncode, "FAILED")
+        if verdict == "skipped" and not self.may_skip(step):
+            verdict = "FAILED"
+        outcome = Outcome(verdict, time.monotonic() - began, used.ru_utime + used.ru_stime)
+        self.outcomes[step.name] = outcome
+        self.say_end(step, outcome)
+        if verdict == "passed" and not self.skips(step):
+            self.prove(step)
 
     def may_skip(self, step):
         """Notes that a step was skipped, and says whether it may be. Its last line says why it was."""
@@ -190,7 +193,8 @@ class Run:
     def stop(self):
         """Ends the steps that run, with all that they have started."""
         for child in list(self.children):
-            os.killpg(child.pid, signal.SIGTERM)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGTERM)
 
     def environment_of(self, step):
         """Returns the environment of a step: each has a list of its own of what it skips."""
@@ -207,7 +211,7 @@ class Run:
     def skips(self, step):
         """Returns what the step could not run."""
         path = self.skipped(step)
-        return path.read_text().splitlines() if path.exists() else []
+        return path.read_text(errors="replace").splitlines() if path.exists() else []
 
 
 # --- the command ---
@@ -215,7 +219,7 @@ class Run:
 
 def target_folder():
     """Returns the folder that cargo builds in."""
-    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target")
+    return (ROOT / os.environ.get("CARGO_TARGET_DIR", "target")).absolute()
 
 
 def chosen(steps, names):
@@ -266,6 +270,9 @@ def test(root, steps, folder, *, everything):
                 proof.prove(path)
 
     environment = {**os.environ, "FACEWIRE_TEST_ALL": "1" if everything else ""}
+    if "CARGO_TARGET_DIR" in environment:
+        # Tests run in the folders of their crates, from which a relative path would lead elsewhere.
+        environment["CARGO_TARGET_DIR"] = str(target_folder())
     run = Run(root, steps, folder, environment, prove)
     try:
         run.run(needed(steps, proven))
@@ -274,25 +281,41 @@ def test(root, steps, folder, *, everything):
     return run
 
 
+def wait_for(lock):
+    """Waits until no other run uses this target folder."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print("scripts/test: waiting for another run in this folder", flush=True)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+
+
 def main():
     """Runs the steps that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="*", help="steps of steps.toml, or groups of them")
     parser.add_argument("--all", action="store_true", help="run what is proven, too, and the parts that take long")
+    parser.add_argument("--check", action="store_true", help="only see whether there are such steps")
     arguments = parser.parse_args()
     began = time.monotonic()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, lambda number, _: sys.exit(128 + number))
     known = load(pathlib.Path(__file__).with_name("steps.toml"))
     steps = chosen(known, arguments.steps)
-    folder = target_folder() / "steps"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    compiled.take(proof.CACHE, target_folder())
-    try:
+    if arguments.check:
+        return 0
+    target = target_folder()
+    target.mkdir(parents=True, exist_ok=True)
+    with (target / "steps.lock").open("w") as lock:
+        wait_for(lock)
+        folder = target / "steps"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        compiled.take(proof.CACHE, target)
         run = test(ROOT, steps, folder, everything=arguments.all)
-    finally:
-        compiled.give(proof.CACHE, target_folder())
-    return conclude(run, [step.name for step in known if step not in steps], began)
+        # Only now does nobody write into the target folder any more.
+        compiled.give(proof.CACHE, target)
+        return conclude(run, [step.name for step in known if step not in steps], began)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""What this machine has proven: a stamp is an empty file, named after what was run, with the hash of all that it read."""
+"""Records what has passed on this machine. A stamp is an empty file. Its name consists of the name of what has passed, and a hash
+of everything that this depends on."""
 
 import hashlib
 import json
@@ -9,7 +10,7 @@ import subprocess
 import sys
 
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "facewire"
-# Folders that belong to a crate beside the one that they are in.
+# Top-level folders whose files belong to a crate in another folder.
 BELONGS = {"models": "facewire-face"}
 
 
@@ -22,19 +23,19 @@ def files(root):
 
 
 def machine():
-    """Returns what decides besides files: the compiler, Python and the kind of processor."""
+    """Returns what outcomes depend on besides files: the compiler, Python and the kind of processor."""
     rust = subprocess.run(["rustc", "-vV"], check=True, stdout=subprocess.PIPE, text=True).stdout
     return f"{rust}{sys.version}{platform.machine()}"
 
 
 def stamp(name, about, contents):
-    """Returns the stamp of what reads these files only, given as hashes by path."""
+    """Returns the path of the stamp of something that reads only these files, given as hashes by path."""
     told = [about, *(f"{path} {content}" for path, content in contents.items())]
     return CACHE / "proven" / f"{name}-{hashlib.sha256(chr(10).join(told).encode()).hexdigest()[:24]}"
 
 
 def prove(path):
-    """Makes a stamp."""
+    """Creates a stamp."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
 
@@ -61,7 +62,7 @@ def owners(root, packages, paths):
 
 
 def crate_stamps(root, packages, about, contents):
-    """Returns the stamp of each package: its own tests have passed with these files of its own."""
+    """Returns the stamp of each package, which says that the tests of the package have passed with these files."""
     owned = owners(root, packages, contents)
     return {
         name: stamp(name, about, {path: content for path, content in contents.items() if owned[path] == name})

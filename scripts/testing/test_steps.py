@@ -26,7 +26,7 @@ class Checkout(unittest.TestCase):
         self.ran = pathlib.Path(folder.name) / "ran"
         self.said = []
         self.steps = steps.load(pathlib.Path(__file__).with_name("steps.toml"))
-        # The last file that each step reads, which is another one for most of them, and one that few read.
+        # For each step the last file that it reads, which differs between most steps; and a file that few steps read.
         everything = list(proof.files(ROOT))
         last = {step.name: next(path for path in reversed(everything) if steps.is_read(step, path)) for step in self.steps}
         self.paths = sorted({*last.values(), "docs/service.md"})
@@ -141,7 +141,7 @@ class Quick(unittest.TestCase):
 
 
 class Sources(unittest.TestCase):
-    """The patterns name all that cargo says the programs are made of."""
+    """The patterns in steps.toml cover every source file that, according to cargo, the programs are built from."""
 
     def test_the_steps_that_run_programs_read_all_their_sources(self):
         programs = {
@@ -162,7 +162,7 @@ class Sources(unittest.TestCase):
 
 
 def with_dependencies(packages, name):
-    """Returns the package and those of the workspace that it is made of."""
+    """Returns the package and the packages of the workspace that it depends on."""
     needed = {found["name"] for found in packages[name]["dependencies"] if found["kind"] != "dev"} & packages.keys()
     return {name}.union(*(with_dependencies(packages, other) for other in needed))
 
@@ -171,7 +171,7 @@ def sources_of(package):
     """Returns the files of this checkout that cargo lists as those of a crate, when it is compiled for programs."""
     crate = package.replace("-", "_")
     lists = list((steps.target_folder() / "debug" / "deps").glob(f"{crate}-*.d"))
-    # The unit tests of a library are made of more files. They are a program or, for clippy, have no code.
+    # Lists of a library's unit tests name more files. They belong to a program or, if clippy made them, to no code.
     libraries = [path for path in lists if path.with_name(f"lib{path.stem}.rlib").exists()]
     found = set()
     for path in libraries or lists:

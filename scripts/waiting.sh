@@ -1,16 +1,16 @@
 # shellcheck shell=bash
-# Functions for steps that may take minutes: they say what they are doing and for whom they wait. The scripts that source this
+# Functions for steps that may take minutes: they say what they are doing and what they wait for. The scripts that source this
 # file define `say` and `fail`.
 
-# Seconds between two lines about the same step.
+# Seconds between two lines about a step that is still running.
 progress_s=${FACEWIRE_PROGRESS_S:-30}
 
-# watched LOG WHAT COMMAND...: runs a command with its output in LOG. While it runs, says again and again for how long, and the
-# last line of its output.
+# watched LOG WHAT COMMAND...: runs a command with its output in LOG. While it runs, says every progress_s seconds how long it has
+# been running, and the last line of its output.
 watched() {
     local log=$1 what=$2 begin=$SECONDS end line status='' code
     shift 2
-    # The end of the command comes through a pipe, with its status.
+    # A pipe reports the end of the command, with its status.
     exec {end}< <(
         status=0
         "$@" >"$log" 2>&1 || status=$?
@@ -45,8 +45,8 @@ with_progress() {
     return "$status"
 }
 
-# apt_get ARGUMENT...: runs apt-get as root. While another package manager holds one of its locks, says so and tries again:
-# DPkg::Lock::Timeout of apt does not wait for the locks of the package lists and of the downloads.
+# apt_get ARGUMENT...: runs apt-get as root. While another package manager holds one of its locks, says so and tries again,
+# because apt's DPkg::Lock::Timeout does not cover the locks of the package lists and of the downloads.
 apt_get() {
     local become=() log status tries holder
     ((EUID == 0)) || become=(sudo)

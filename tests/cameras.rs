@@ -1,4 +1,4 @@
-//! What the capture code promises of a camera, in a process that has a simulated one (`tests/hooks/camera.c`).
+//! The capture code alone, in a process that has a simulated camera (`tests/hooks/camera.c`).
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;

@@ -15,7 +15,7 @@ use common::slew::assert_slew;
 use common::stuck::Stuck;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 
-/// The states of a fault in their order, and the age of the last good pose at which each begins at the earliest, microseconds.
+/// The states during a fault in their order, each with the least age of the last good pose at its beginning, microseconds.
 const STATES: [(State, u32); 3] = [(State::Hold, 150_000), (State::Decay, 300_000), (State::Neutral, 1_000_000)];
 
 /// Returns the packets between two live ones in which the face first becomes neutral. A busy machine may hold the face

@@ -32,7 +32,7 @@ const APPEARANCE_WORST: f64 = 0.3;
 const APPEARANCE_FRAMES: usize = 20;
 /// Largest number of frames between the moments at which an engine and MediaPipe lose or find a face.
 const FRAMES_APART: usize = 3;
-/// Fewest frames of the clip that an emulated processor has to follow.
+/// The number of frames of the clip that the face must be followed through at least, on an emulated processor.
 const LEAST_TRACKED: usize = 80;
 const NO_FACE: Landmarks = Landmarks([[f32::NAN; 3]; LANDMARKS]);
 
@@ -107,9 +107,9 @@ fn assert_near(engine: &str, film: &str, ours: &[Landmarks], theirs: &[Landmarks
     assert!(distance.frames == frames && is_near, "{engine}, {film}: {distance:?}");
 }
 
-/// Every 8th frame of the clip, and every frame where the folder of reference clips exists. `packaging/try` names a file of
-/// landmarks that `facewire track` has found on an emulated processor, at least in the first frames, which are compared in
-/// place of those of this build.
+/// Compares every 8th frame of the clip, and every frame if the folder of reference clips exists. `packaging/try` gives a file
+/// with the landmarks that `facewire track` has found on an emulated processor, of the first [`LEAST_TRACKED`] frames at least.
+/// They are then compared in place of those of this build.
 #[test]
 fn the_clip_is_as_mediapipe_sees_it() {
     let golden = read_steps(&project("tests/golden/demo-landmarks.npy"));

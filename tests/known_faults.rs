@@ -1,5 +1,5 @@
-//! What is known to be wrong with odd cameras, serial drivers and networks. Each entry shows the fault, and so fails when the
-//! fault is mended: then take it off the list, and promise what holds now in a test of its own.
+//! The known faults of the program with unusual cameras, serial drivers and networks. The test of an entry passes as long as
+//! the fault is there, and fails once it is fixed. Then remove the entry, and write a test for what the program does now.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -53,7 +53,7 @@ const FAULTS: [Fault; 16] = [
     Fault {
         name: "a_clock_that_is_behind",
         symptom: "the face is neutral for ever, and the log says nothing",
-        // Further behind than the failsafe is patient on a slow machine.
+        // Further behind than any time limit of the failsafe, also on a slow machine.
         is_mended: || is_live_by(Clock::Offset(-60_000_000)),
     },
     Fault {
@@ -152,7 +152,7 @@ const FAULTS: [Fault; 16] = [
     },
 ];
 
-/// Whether the face of a camera with this clock is live after some frames.
+/// Whether packets are live after ten frames with a face from a camera with this clock.
 fn is_live_by(clock: Clock) -> bool {
     let machine = Cameras::with(&[]);
     machine.show_clip(Camera { formats: &["MJPG"], clock, ..Camera::default() });
@@ -168,7 +168,7 @@ fn opens(formats: &'static [&'static str]) -> bool {
     outcome(&machine).is_none()
 }
 
-/// What the service says of its camera, or `None` if it opens one.
+/// The reason why the service opens no camera, or `None` if it opens one.
 fn outcome(machine: &Cameras) -> Option<String> {
     let (service, _receiver) = machine.serve(AUTO);
     eventually("a word about the camera", || service.logged("camera opened: ") + service.logged("no camera: ") > 0);
@@ -177,7 +177,7 @@ fn outcome(machine: &Cameras) -> Option<String> {
     said.map(|(_, said)| said.trim_end_matches("; trying again").to_owned())
 }
 
-/// Lets a receiver ask for the face once, and its network go away and come back.
+/// Whether a receiver that does not ask again gets the face after its network has been away.
 fn ifacialmocap_comes_back() -> bool {
     let Some(interface) = Interface::inside("an_ifacialmocap_receiver_whose_network_was_away") else { return false };
     let receiver = UdpSocket::bind("0.0.0.0:0").unwrap();

@@ -140,7 +140,7 @@ fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decod
 }
 
 /// The memory that the process has mapped, apart from the stacks and heaps of its threads, which come and go with other work
-/// than that on frames. What the threads that handle frames take from a heap is counted by its calls.
+/// than that on frames. What the threads that handle frames allocate is counted by the calls.
 fn mappings(service: &Service) -> Vec<String> {
     let maps = service.proc("maps");
     let mut mappings = Vec::new();
@@ -149,7 +149,7 @@ fn mappings(service: &Service) -> Vec<String> {
     while let Some(line) = lines.next() {
         let (range, rest) = line.split_once(' ').unwrap();
         let (begin, end) = range.split_once('-').unwrap();
-        // Memory that nobody may use is below each stack, and above each heap, which grows into it.
+        // There is memory without any permission below each stack, and above each heap, which grows into it.
         let is_above_guard = begin == guard_end;
         let is_guard = |line: &str| line.contains(" ---p ");
         let is_below_guard = lines.peek().is_some_and(|next| is_guard(next) && next.starts_with(end));
@@ -257,7 +257,7 @@ fn locked_memory_is_all_resident_and_frames_fault_no_page() {
     let (mut service, receiver) = Service::live(&format!("{DEMO}[realtime]\nlock_memory = true\n"));
     receiver.live_packets(WARM_UP);
     let at_first = Part::all(&service);
-    // A thread that begins late has a heap of its own, which the next status line locks.
+    // A thread that starts late gets a heap of its own, which is locked with the next status line.
     service.status();
     let may_fault = Part::all(&service).into_iter().filter(Part::may_fault).map(|part| part.range).collect::<Vec<_>>();
     let threads = ["fw-hot", "fw-sender"].map(|name| service.thread(name));

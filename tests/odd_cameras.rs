@@ -1,5 +1,5 @@
-//! Cameras and drivers of all kinds, honest and not, by the whole program. The cameras are simulated
-//! (`tests/hooks/camera.c`), so that no device and no privilege is needed.
+//! The whole program with cameras and drivers of all kinds, also faulty ones. The cameras are simulated
+//! (`tests/hooks/camera.c`), so that the tests need no device and no privilege.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -23,7 +23,7 @@ fn settings_for(device: &str) -> String {
     format!("[camera]\ndevice = \"{device}\"\n")
 }
 
-/// Checks these settings, which the camera must make fail with one sentence.
+/// Runs `facewire check` with these settings. Returns the one sentence with which it must refuse the camera.
 fn refusal(machine: &Cameras, toml: &str) -> String {
     let file = settings(toml);
     machine.run(&["check", "--config", text(file.path())]).sentence(66).to_owned()
@@ -328,8 +328,8 @@ fn a_camera_of_damaged_frames_is_none_until_it_sends_pictures() {
     assert_eq!(told.map(|line| log.matches(line).count()).iter().sum::<usize>(), 1, "{log}");
 }
 
-/// The numbers of the frames have gaps, as with a driver for which the bus is too slow. A busy machine is in time for ten
-/// frames a second.
+/// The numbers of the frames have gaps, as if the USB bus were too slow. Even a busy machine keeps up with ten frames a
+/// second, and so loses none itself.
 #[test]
 fn frames_that_a_driver_loses_are_reported_as_missing() {
     let (intervals, lost) = (Listing::Discrete(&[[1, 10]]), (1, 4));

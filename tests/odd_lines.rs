@@ -1,4 +1,5 @@
-//! Serial drivers that set another rate than they are asked for, and networks that go away, by the whole program.
+//! The whole program with serial drivers that set another rate than the one they are asked for, and with networks that go
+//! away.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -12,7 +13,7 @@ use common::service::{NO_CAMERA, Receiver, Service, counted};
 use common::{PATIENCE, eventually};
 use rustix::termios::tcgetattr;
 
-/// Starts a service with a serial link at this rate, over a driver whose UART divides `base`.
+/// Starts a service with a serial link at this rate. The UART of the link's driver divides the rate `base`.
 fn serve_serial(board: &Board, baud: u32, base: u32) -> Service {
     let link = format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\nbaud = {baud}\n", board.device.display());
     let toml = [NO_CAMERA, &link].concat();
@@ -47,7 +48,7 @@ fn packets_come_again_when_the_interface_is_back_and_its_loss_is_reported_once()
     for times in 1..=2 {
         interface.take_down();
         near.packet();
-        // The log says so with a status line.
+        // The log reports it with the next status line.
         eventually("a word about the network", || {
             service.status();
             service.logged("the network takes no packets") == times

@@ -1,8 +1,8 @@
 //! A board that is too slow, hot or badly supplied, as receivers and operators see it.
 //!
 //! `src/service/adaptation/tests.rs` tests the choice of the step over minutes and days of simulated time, and
-//! `src/service/timing.rs` that a step takes frames evenly. Here the camera of a rehearsal takes real time, and packets are
-//! judged by the times of capture that they carry, which tell how many frames were left out, however busy the machine is.
+//! `src/service/timing.rs` tests that a step takes frames evenly. Here the camera of a rehearsal takes real time. Packets are
+//! judged by their times of capture, which show how many frames were left out, however busy the machine is.
 //! `FACEWIRE_OVERLOAD_MINUTES=10 cargo test --release --test overload -- --nocapture overload_of` runs each overload for ten
 //! minutes, on an idle machine, and prints what it has seen.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
@@ -43,7 +43,7 @@ impl Overload {
         self.service.log().lines().rfind(|line| line.contains(" step ")).and_then(every).unwrap_or(1)
     }
 
-    /// Receives packets until none of the last [`FRAMES`] frames came sooner than the present step wants it. A busy machine
+    /// Receives packets until none of the last [`FRAMES`] frames came sooner than the present step allows. A busy machine
     /// may delay frames. Returns the interval of the step, in frames of the camera.
     fn settled(&self) -> u32 {
         let begun = Instant::now();

@@ -73,7 +73,7 @@ fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     assert_eq!(count("packets"), count("sent") + count("dropped"), "{log}");
 }
 
-/// The sender's own tests say how often.
+/// The sender's own tests check how often.
 #[test]
 fn without_a_camera_a_neutral_face_is_sent_again_and_again_and_the_log_says_why() {
     let (service, receiver) = Service::with_receiver(NO_CAMERA);
@@ -127,9 +127,9 @@ fn a_network_that_takes_no_packets_is_told_once() {
     assert_eq!(service.stopped().matches(refusal).count(), 1);
 }
 
-/// Waits until a service has ended although this thread of it is stuck.
+/// Waits until a service has ended, although one of its threads is stuck.
 fn ended(service: Service, stuck: Stuck) -> Run {
-    // The process stays a zombie until this one has seen the end of the thread.
+    // The process stays a zombie until this one lets go of the stuck thread.
     eventually("the end", || service.proc("status").contains("State:\tZ"));
     drop(stuck);
     service.stop(Signal::TERM)

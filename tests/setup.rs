@@ -1,6 +1,6 @@
-//! What the set-up says while it waits: for another package manager, and for what takes minutes.
+//! What `scripts/setup` prints while it waits for another package manager, or for a step that takes minutes.
 //!
-//! Stand-ins take the place of the programs that it starts. Nothing is installed, and no test waits for a time.
+//! Stand-ins replace the programs that it starts. Nothing is installed, and no test waits for a fixed time.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -18,13 +18,14 @@ use common::program::{Run, text};
 use common::{PATIENCE, project};
 use tempfile::TempDir;
 
-/// What apt says on Debian 12 while another one updates its lists.
+/// What apt prints on Debian 12 while another package manager updates the package lists.
 const HELD: &str = "E: Could not get lock /var/lib/apt/lists/lock. It is held by process 4711 (unattended-upgr)";
 const WAITS: &str = "setup: another package manager is at work: waiting for it (Could not get lock /var/lib/apt/lists/lock. \
                      It is held by process 4711 (unattended-upgr))\n";
 
-/// A machine on which only stand-ins and the programs of the base system are installed. One exists at a time: a process that
-/// one test starts would hold the stand-ins open that another test is writing, and the system refuses to run them then.
+/// A machine on which only stand-ins and the programs of the base system are installed. Only one exists at a time: a process
+/// that one test starts inherits the files that another test is writing, and the system runs no program that is open for
+/// writing.
 struct Machine {
     folder: TempDir,
     _one: MutexGuard<'static, ()>,
@@ -33,9 +34,9 @@ struct Machine {
 static ONE_MACHINE: Mutex<()> = Mutex::new(());
 
 impl Machine {
-    /// A machine that lacks cmake alone of what a build needs. The `apt-get` of it installs cmake, unless the file `held` says
-    /// that another package manager is at work, or the file `offline` that there is no network. It writes what it is asked
-    /// for into the file `asked`.
+    /// A machine that has everything that a build needs except cmake. Its `apt-get` installs cmake, unless the file `held`
+    /// (another package manager is at work) or the file `offline` (there is no network) exists. It appends its arguments to
+    /// the file `asked`.
     fn new() -> Self {
         let one = ONE_MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
         let machine = Self { folder: tempfile::tempdir().unwrap(), _one: one };
@@ -49,7 +50,7 @@ impl Machine {
         for program in ["pkg-config", "nasm", "make", "python3"] {
             machine.stand_in(program, "");
         }
-        // It is given a header to read.
+        // It gets a program on its standard input.
         machine.stand_in("cc", "cat >/dev/null");
         machine.stand_in("cargo", "echo cargo 99.0.0");
         machine.stand_in("sudo", "exec \"$@\"");
@@ -90,7 +91,7 @@ impl Machine {
     }
 }
 
-/// The lines of a program as they come.
+/// Passes on the lines of a program's output as they come.
 fn lines_of(out: ChildStdout) -> Receiver<String> {
     let (sender, lines) = mpsc::channel();
     thread::spawn(move || BufReader::new(out).lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
@@ -101,7 +102,7 @@ fn lines_of(out: ChildStdout) -> Receiver<String> {
 fn setup_waits_while_another_package_manager_is_at_work_and_says_so_once() {
     let machine = Machine::new();
     machine.file("held");
-    // The other one ends while setup waits for the third time.
+    // The other package manager ends while `scripts/setup` waits for the third time.
     let ends = "cd FOLDER; echo waited >>waits; [ \"$(grep -c . waits)\" -lt 3 ] || rm -f held";
     machine.stand_in("sleep", &ends.replace("FOLDER", text(machine.folder.path())));
     let run = Run::of(&mut machine.setup("system")).succeeded();
@@ -132,7 +133,7 @@ fn a_step_that_takes_minutes_says_what_it_is_doing_and_its_output_is_shown_only_
     let machine = Machine::new();
     machine.stand_in("c++", "");
     let status_file = machine.path("status");
-    // It goes on until there is a file with its status, or the test has ended.
+    // It runs until the file `status` gives its exit status, or until the test has ended.
     let builds = "[ $1 = install ] || exit 1; echo '   Compiling libfuzzer v1.2.3' >&2; cd FOLDER\n\
                   while [ -e bin ] && [ ! -e status ]; do /bin/sleep 0.05; done; read status <status; exit $status";
     machine.stand_in("cargo", &builds.replace("FOLDER", text(machine.folder.path())));
@@ -142,14 +143,14 @@ fn a_step_that_takes_minutes_says_what_it_is_doing_and_its_output_is_shown_only_
         let mut setup = command.spawn().unwrap();
         let lines = lines_of(setup.stdout.take().unwrap());
         assert_eq!(lines.recv_timeout(PATIENCE).unwrap(), "setup: building cargo-fuzz (some minutes)");
-        // An earlier line may come before the program has said anything.
+        // Some lines may come before the program has printed anything.
         let begun = "setup: building cargo-fuzz (some minutes): for ";
         let mut line = String::new();
         while !line.ends_with(" s now, at: Compiling libfuzzer v1.2.3") {
             line = lines.recv_timeout(PATIENCE).unwrap();
             assert!(line.starts_with(begun), "{line}");
         }
-        // It appears with its contents, because the program looks for it all the time.
+        // The renamed file appears together with its contents, as the program may read it at any moment.
         fs::write(machine.path("status.new"), format!("{status}\n")).unwrap();
         fs::rename(machine.path("status.new"), &status_file).unwrap();
         let run = Run::ended(&setup.wait_with_output().unwrap());

@@ -1,4 +1,4 @@
-//! `facewire run` under a service manager, which a socket plays here, and the units of all programs.
+//! `facewire run` under a service manager, which a socket simulates here, and the units of all programs.
 //!
 //! The tests wait for states, not for times: the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]

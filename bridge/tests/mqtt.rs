@@ -290,7 +290,7 @@ fn of_50_boards_at_60_packets_a_second_nothing_is_lost_that_is_not_counted() {
         boards.iter_mut().for_each(Board::send);
         thread::sleep(Duration::from_micros(16_667));
     }
-    // What is lost shows by the next packet that comes. This one comes, because nothing is before it.
+    // Lost packets show in the number of the next packet. This next packet is not lost, because no other is waiting.
     bridge.reads_all();
     boards.iter_mut().for_each(Board::send);
     for (board, last) in boards.iter().zip(1..) {

@@ -17,10 +17,10 @@ struct Domain {
 
 impl Domain {
     fn new() -> Self {
-        // The ports of higher domains are those that the system gives to anybody.
+        // The ports of higher domains are among those that the system gives to any program.
         let taken = (1..=100).find_map(|number| {
             let path = env::temp_dir().join(format!("facewire-ros-domain-{number}"));
-            // That of another user cannot be opened.
+            // The file of another user cannot be opened.
             let lock = File::options().append(true).create(true).open(path).ok()?;
             lock.try_lock().ok()?;
             Some(Self { number: number.to_string(), _lock: lock })
@@ -99,11 +99,11 @@ fn who_comes_late_learns_whether_there_is_a_face_and_sigterm_says_that_there_is_
     sample(&mut face, "a face", |face| face["data"] == true);
     drop(guard);
     bridge.reads_all();
-    // Of diagnostics, nobody learns what was published before.
+    // Diagnostics are not retained: a late subscriber does not get earlier ones.
     let mut diagnostics = listen("diagnostic_msgs/DiagnosticArray", "/diagnostics");
     sample(&mut diagnostics, "that the board is away", |report| report["status"][0]["level"] == 3);
     let mut late = listen("std_msgs/Bool", "/facewire/left/face");
-    // RustDDS removes former states every 6 s. Those that it still has come before.
+    // RustDDS removes former states only every 6 s. Those that it still has come first.
     sample(&mut late, "that there is no face", |face| face["data"] == false);
     let _guard = sending(vec![bridge.board(1)]);
     sample(&mut late, "a face again", |face| face["data"] == true);

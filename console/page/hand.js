@@ -1,13 +1,13 @@
-// Controls that show what a hand has put into them until that is kept. Every status draws the pages again, and what a page
-// knows must not take the place of what somebody is typing, choosing or dragging.
+// Controls that keep showing what somebody has put into them until it is kept. Every status redraws the pages, and what a page
+// knows must not replace what somebody is typing, choosing or dragging.
 
 import { mayOperate } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 
-// How far a thumb goes along a slider before it drags it. Until then it may be about to scroll the page.
+// How far a thumb moves along a slider before it counts as dragging it. Until then it may be about to scroll the page.
 const SLOP_PX = 10;
 
-// Returns what the hand holds, if it holds anything, and why it could not be kept.
+// Returns the state of a control in use: `held` is what was put into it and is not kept yet, `trouble` why it could not be kept.
 export function useHand(keep) {
   const [, redraw] = useState(0);
   const { current: hand } = useRef({});
@@ -18,7 +18,7 @@ export function useHand(keep) {
   hand.hold = (held) => set({ held });
   hand.letGo = () => set({ held: undefined, trouble: undefined });
   hand.refuse = (trouble) => set({ trouble });
-  // Keeps a value, and lets go of it once it is kept, unless the hand has gone on meanwhile. What is refused stays.
+  // Keeps a value, and lets go of it once it is kept, unless somebody has changed it meanwhile. A value that is refused stays.
   hand.keep = async (held, value = held) => {
     set({ held, sent: held });
     let trouble;
@@ -43,11 +43,11 @@ const common = (hand, isBad) => ({
   "aria-invalid": isBad || hand.trouble ? "true" : undefined,
 });
 
-// A field for a text or a number. What was typed is kept at Enter and when the focus leaves the field, and Escape gives it up.
+// A field for a text or a number. Enter, or leaving the field, keeps what was typed, and Escape discards it.
 export function Entry({ value, keep, isBad, ...attributes }) {
   const hand = useHand(keep);
   const kept = String(value ?? "");
-  // What was refused gives way to what somebody has set elsewhere since.
+  // A value that was refused is dropped when somebody changes the setting elsewhere.
   useEffect(() => {
     if (hand.trouble) hand.letGo();
   }, [kept]);
@@ -63,7 +63,7 @@ export function Entry({ value, keep, isBad, ...attributes }) {
   const press = (event) => {
     if (event.key === "Enter") finish(event);
     if (event.key !== "Escape") return;
-    // A text that is no number counts as empty, and would stay where an empty one is kept.
+    // Browsers report a text that is no number as empty. If an empty one is kept, drawing alone would not remove the text.
     event.target.value = kept;
     hand.letGo();
   };
@@ -71,7 +71,7 @@ export function Entry({ value, keep, isBad, ...attributes }) {
     onInput=${({ target }) => hand.hold(target.value)} onChange=${finish} onBlur=${finish} /><${Refusal} hand=${hand} />`;
 }
 
-// What is wrong with a number as it is typed. The steps of the arrows bind whole numbers alone.
+// Returns what is wrong with a number as it is typed. Only whole numbers must match the step. For others, it is that of the arrows.
 function faultOf({ value, min, max, step, validity: { rangeUnderflow, rangeOverflow, stepMismatch } }) {
   const isWhole = step === "1";
   if (value !== "" && !rangeUnderflow && !rangeOverflow && !(isWhole && stepMismatch)) return undefined;
@@ -80,7 +80,7 @@ function faultOf({ value, min, max, step, validity: { rangeUnderflow, rangeOverf
   return `Give a ${isWhole ? "whole " : ""}number${least}${most}.`;
 }
 
-// A list of pairs of a value and its words.
+// A list to choose from. `choices` are pairs of a value and its words.
 export function Choice({ value, keep, isBad, choices, ...attributes }) {
   const hand = useHand(keep);
   const choose = ({ target }) =>
@@ -101,7 +101,7 @@ export function Slider({ value, move, disabled, ...attributes }) {
   // Where a thumb came down, until it drags.
   const { current: thumb } = useRef({});
   const begin = ({ target, pointerType, clientX }) => {
-    // Some browsers tell of a pointer on a disabled control, and not of its end.
+    // Some browsers report that a pointer comes down on a disabled control, but not that it leaves.
     if (disabled) return;
     thumb.from = pointerType === "touch" ? clientX : undefined;
     hand.hold(target.value);

@@ -1,4 +1,5 @@
-//! What the tests of pages may do: look by script, and act by hand.
+//! Rules for the tests of pages, in which scripts only look and all actions go through keys, mouse and touch, and for the
+//! controls of pages.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 use std::{
@@ -6,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What a script can do in the place of a hand. The words are split, so that they are not found here.
+/// What a script could do in place of keys, mouse and touch. The words are split, so that they are not found here.
 const DEEDS: [&str; 20] = [
     concat!(".va", "lue ="),
     concat!(".va", "lue="),
@@ -40,7 +41,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The lines of all files below a folder that a rule finds, with their places.
+/// Returns the lines below a folder that break a rule, with their places.
 fn lines(folder: &str, breaks: impl Fn(&str) -> bool) -> Vec<String> {
     let mut found = Vec::new();
     files(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder), &mut found);

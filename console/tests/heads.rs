@@ -38,8 +38,8 @@ struct Head {
     _console: Viewer,
 }
 
-/// The program of the service, which cargo puts above the folder of this test, and builds only if it is asked to. It must be
-/// newer than what it is built from.
+/// The program of the service. Cargo puts it into the folder above that of this test, but does not build it for this test. It
+/// must be newer than its sources.
 fn program() -> PathBuf {
     let folder = env::current_exe().unwrap().parent().unwrap().to_owned();
     let program = folder.with_file_name("facewire");
@@ -76,14 +76,14 @@ fn sources(libraries: &Path) -> Vec<PathBuf> {
         let name = list.file_stem().unwrap().to_str().unwrap().rsplit_once('-').map_or("", |(name, _)| name);
         if is_list && crates.iter().any(|known| known == name) {
             let text = fs::read_to_string(&list).unwrap();
-            // The unit tests of a library are made of more files. They are a program or, for clippy, have no code.
+            // Lists of a library's unit tests name more files. They belong to a program or, if clippy made them, to no code.
             let is_library = text.contains(&format!("/lib{name}-")) && text.contains(".rlib:");
-            // A line with a file and a colon alone stands for each of them.
+            // For each file, the list has a line with only the file and a colon.
             let files = text.lines().filter_map(|line| line.strip_suffix(':'));
             sources.extend(files.filter(|_| is_library).map(|file| root.join(file.replace("\\ ", " "))));
         }
     }
-    // What a build script has written is older or newer, as its crate was compiled for other purposes before or since.
+    // Leave out what build scripts have written: it may be newer, because its crate was compiled for another purpose since.
     sources.retain(|source| !source.starts_with(libraries.parent().unwrap()));
     sources
 }

@@ -54,7 +54,7 @@ fn have_ended(seen: &Seen) -> bool {
     seen.ended.len() == seen.requests.iter().filter(|request| request["do"] == "drive").count()
 }
 
-/// Presses a button of an armed page, and again if the page has disarmed meanwhile, until the service has seen what follows.
+/// Presses a button of an armed page until the service has seen the effect. The page may have disarmed meanwhile.
 fn press_armed(console: &Console, browser: &mut Browser, button: &str, fits: impl Fn(&Seen) -> bool) {
     eventually(button, || {
         browser.click_on(&or_arm(button));
@@ -63,7 +63,7 @@ fn press_armed(console: &Console, browser: &mut Browser, button: &str, fits: imp
     });
 }
 
-/// Sets an end or the rest of channel 0 where its slider is dragged to, until the page shows what follows.
+/// Drags the slider of channel 0 to a value and sets an end or the rest there, until the page shows the effect.
 fn set_here(browser: &mut Browser, value: f64, button: &str, text: &str) {
     let is_shown = format!("document.body.innerText.includes({text:?})");
     eventually(text, || {
@@ -151,7 +151,7 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
         [("servos", "#page-servos h2", "Escape"), ("live", "figcaption", " ")].into_iter().enumerate()
     {
         browser.turn_to(page);
-        // The link to the page has the focus, and space works it.
+        // The link to the page has the focus, and the space bar would act on it. So put the focus elsewhere.
         browser.click_on(&element(empty));
         browser.press(key);
         console.service.until(|seen| seen.requests.iter().filter(|request| **request == release).count() == times + 2);
@@ -337,11 +337,11 @@ fn a_setting_keeps_what_is_typed_key_by_key_while_statuses_come() {
     browser.type_through_statuses("120");
     browser.press("Enter");
     browser.wait_for_text("2 settings are changed and not kept yet");
-    // Escape gives up what was typed, and stops nothing.
+    // Escape discards what was typed, and does not release the servos.
     browser.fill(&fps, "7");
     browser.press("Escape");
     assert_eq!(shown(&mut browser, &fps), "120");
-    // What is no such number stays until it is mended, and is said.
+    // A number out of bounds, or a text that is no number, stays until it is corrected, and the page says what is wrong.
     for (wrong, kept) in [("999", "999"), ("-", "")] {
         browser.fill(&fps, wrong);
         browser.press("Tab");
@@ -428,7 +428,7 @@ fn what_was_typed_is_there_when_its_page_was_left_and_comes_back() {
     browser.turn_to("health");
     browser.turn_to("links");
     browser.click("camera");
-    // The link takes the focus, and going back the field itself.
+    // The link takes the focus from the field. Going back, below, removes the field itself.
     browser.fill(&fps, "50");
     browser.turn_to("servos");
     browser.go_back();
@@ -518,7 +518,7 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
             break;
         }
     }
-    // One that is disabled in the hand shows again what is.
+    // A slider that is disabled while it is held shows the position of its servo again.
     browser.drive(&slider, 0.25);
     let place = browser.hold(&slider, 0.75);
     browser.press("Escape");
@@ -549,7 +549,7 @@ fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
     console.service.until(is_at(0.0));
     let moved = positions(&console.service.seen.lock().unwrap());
     assert!(moved[before..].iter().all(|position| *position <= 0.25), "{moved:?}");
-    // A tap means it.
+    // A tap moves the servo.
     eventually("a tap that moves", || {
         browser.arm();
         browser.tap_middle(&element(SLIDER));
@@ -618,7 +618,7 @@ fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     browser.wait_until("!document.getElementById('draft')");
     assert_eq!(console.settings(), SETTINGS.replace("60", "50"));
     browser.screenshot("form");
-    // The default takes the place of what was refused, too.
+    // The default also replaces a value that was refused.
     browser.fill(&element("[id='field-camera.fps']"), "999");
     browser.press("Tab");
     browser.wait_for_text("Give a whole number");

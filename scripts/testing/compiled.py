@@ -1,11 +1,11 @@
-"""Keeps what cargo has compiled of registry crates, so that each checkout of a machine need not compile it again.
+"""Keeps compiled registry crates, so that the other checkouts on a machine need not compile them again.
 
-A compiled crate depends on its source, its features, its profile and the compiler, which cargo puts into the names of its files,
-and not on the checkout. Crates of this repository are never kept: cargo judges them by the times of their files, which differ
-between checkouts.
+A compiled registry crate depends on its source, its features, its profile and the compiler, all of which the names of its files
+contain as a hash, but not on the checkout. Crates of this repository are never kept: cargo judges by the times of their source
+files whether they are up to date, and these times differ between checkouts.
 
 Usage: compiled.py SOURCE TARGET
-Adds to the target folder of cargo TARGET the crates that the target folder SOURCE holds.
+Adds to cargo's target folder TARGET the crates that the target folder SOURCE holds.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ import re
 import shutil
 import sys
 
-# The names of the packages of this repository begin so.
+# The prefix of the names of this repository's packages.
 OWN = "facewire"
-# What a compiler writes under another name first and renames, so that a link to the kept file never changes it.
+# Files that the compiler never changes in place: it writes a new file and renames it. So they can be hard-linked safely.
 LINKED = {".rlib", ".rmeta", ".so"}
 
 
@@ -48,7 +48,7 @@ def copy(source, target):
 
 
 def place(path, to):
-    """Links or copies a file, whole or not at all. The time stays, because cargo compares it."""
+    """Links or copies a file, whole or not at all. A copy keeps the time of the file, because cargo compares it."""
     if path.suffix in LINKED:
         try:
             os.link(path, to)
@@ -63,7 +63,7 @@ def place(path, to):
 
 @contextlib.contextmanager
 def kept(cache):
-    """Locks the folder of the cache that holds compiled crates, and gives its path. One checkout at a time uses it."""
+    """Locks the folder of the cache that holds compiled crates, and yields its path. Only one checkout uses it at a time."""
     folder = cache / "compiled"
     folder.mkdir(parents=True, exist_ok=True)
     with (cache / "compiled.lock").open("w") as lock:

@@ -1,4 +1,5 @@
-"""What this machine has proven: a stamp is an empty file, named after what was run, with the hash of all that it read."""
+"""Records what has passed on this machine. A stamp is an empty file. Its name consists of the name of what has passed, and a hash
+of everything that this depends on."""
 
 import fnmatch
 import hashlib
@@ -10,7 +11,7 @@ import subprocess
 import sys
 
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "facewire"
-# Folders that belong to a crate beside the one that they are in.
+# Top-level folders whose files belong to a crate in another folder.
 BELONGS = {"models": "facewire-face"}
 # Files that several crates are compiled or tested with.
 SHARED = (
@@ -39,27 +40,27 @@ def files(root):
 
 
 def machine():
-    """Returns what decides besides files: the compiler, Python, the kind of processor, and variables that cargo and tests read."""
+    """Returns what outcomes depend on besides files: the compiler, Python, the kind of processor, and variables for cargo and tests."""
     rust = subprocess.run(["rustc", "-vV"], check=True, stdout=subprocess.PIPE, text=True).stdout
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if is_read_by_builds(name)]
     return "\n".join([rust, sys.version, platform.machine(), *variables])
 
 
 def is_read_by_builds(name):
-    """Whether a variable of the environment can change what is built or tested, rather than where or when."""
+    """Returns whether a variable of the environment can change what is built or tested, rather than where."""
     return name.startswith(("CARGO_", "FACEWIRE_", "NEXTEST_", "RUSTC", "RUSTDOCFLAGS", "RUSTFLAGS")) and name not in (
         "CARGO_HOME", "CARGO_TARGET_DIR", "FACEWIRE_SCREENSHOTS", "FACEWIRE_STEPS", "FACEWIRE_TEST_ALL"
     )
 
 
 def stamp(name, about, contents):
-    """Returns the stamp of what reads these files only, given as hashes by path."""
+    """Returns the path of the stamp of something that reads only these files, given as hashes by path."""
     told = "\n".join([about, *(f"{path} {content}" for path, content in contents.items())])
     return CACHE / "proven" / f"{name}-{hashlib.sha256(os.fsencode(told)).hexdigest()[:24]}"
 
 
 def prove(path):
-    """Makes a stamp."""
+    """Creates a stamp."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
 
@@ -86,12 +87,12 @@ def owners(root, packages, paths):
 
 
 def crate_stamps(root, packages, about, contents):
-    """Returns the stamp of each package: its own tests have passed with these files. A package reads its own files, those of the
-    packages that it uses, and what no package has to itself."""
+    """Returns the stamp of each package, which says that its tests have passed with these files: its own, those of the packages that
+    it uses, and those that several packages share."""
     owned = owners(root, packages, contents)
 
     def reads(name, path):
-        return owned[path] in with_dependencies(packages, name) or fits(path, SHARED)
+        return owned[path] in with_dependencies(packages, name) or includes(SHARED, path)
 
     return {
         name: stamp(name, about, {path: content for path, content in contents.items() if reads(name, path)}) for name in packages
@@ -108,8 +109,9 @@ def with_dependencies(packages, name, found=frozenset()):
     return found
 
 
-def fits(path, patterns):
-    """Whether the last of the patterns that fits a path is without a `!`. A * stands for any characters, slashes too."""
+def includes(patterns, path):
+    """Returns whether the last pattern that matches a path includes it. A pattern with a ! leaves out what it matches, and a * stands for
+    any characters, slashes too."""
     decided = False
     for pattern in patterns:
         if fnmatch.fnmatchcase(path, pattern.removeprefix("!")):

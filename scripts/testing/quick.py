@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Checks the crates that have changed since their tests last passed on this machine, and what depends on them. scripts/test
-quick calls it."""
+"""Checks the crates that have changed since their tests last passed on this machine, and the crates that depend on
+them. `scripts/test quick` calls it."""
 
 import pathlib
 import subprocess
@@ -12,7 +12,7 @@ import proof
 import steps
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-# The workbench, whose tests compile and run for minutes. It never runs on a board.
+# The workbench, whose tests take minutes to compile and run, and which never runs on a board.
 WORKBENCH = "facewire-fit"
 
 
@@ -27,8 +27,8 @@ def with_dependents(packages, names):
 
 
 def targets(packages, names):
-    """Returns the options that make cargo build the targets of these packages. They select the whole workspace, because a few of
-    its packages would give other features to what they share, and all of it would be compiled again."""
+    """Returns the options that make cargo build the targets of these packages. They select the whole workspace: a few
+    packages alone would enable other features of their shared dependencies, which would all be compiled again."""
     options = ["--workspace", "--lib"]
     for name in sorted(names):
         for target in packages[name]["targets"]:

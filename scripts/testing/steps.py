@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Runs the steps of scripts/test, which calls it: in their order, some beside each other, and only those that this machine has
-not proven yet. steps.toml describes the steps."""
+"""Runs the steps of scripts/test: in their order, several at a time, and only those that have not passed on this machine with the
+same files yet. steps.toml describes the steps."""
 
 import argparse
 import contextlib
@@ -20,13 +20,13 @@ import compiled
 import proof
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-# The step in which the tests of all crates pass.
+# The step that runs the tests of all crates.
 TESTS = "unit"
-# How many steps run beside each other. Few of them keep two cores busy all the time.
+# How many steps run at the same time. Few of them keep two cores busy all the time.
 BESIDE = max(1, int(os.environ.get("FACEWIRE_STEPS", "3")))
-# The exit status of a step that this machine cannot run. Its last line says why.
+# The exit status of a step that this machine cannot run. The last line of its output says why.
 SKIPPED = 77
-# How often a line says what runs.
+# Seconds between two lines that say which steps are running.
 PROGRESS_S = 60
 
 
@@ -45,8 +45,8 @@ class Step:
 
 @dataclasses.dataclass
 class Outcome:
-    """How a step ended: passed, FAILED, skipped, because this machine cannot run it, or not run, because of one before it.
-    A step that this machine has proven before is proven."""
+    """How a step ended. The verdict is "passed", "FAILED", "skipped" if this machine cannot run the step, "not run" if a step that
+    it needs has not passed, or "proven" if it has passed on this machine before with the same files."""
 
     verdict: str
     wall_s: float = 0.0
@@ -69,8 +69,8 @@ def load(path):
 
 
 def is_read(step, path):
-    """Whether a change of the file can change the outcome of the step."""
-    return proof.fits(path, step.reads)
+    """Returns whether a change of the file can change the outcome of the step."""
+    return proof.includes(step.reads, path)
 
 
 def stamp(step, about, contents):
@@ -80,7 +80,7 @@ def stamp(step, about, contents):
 
 
 def needed(steps, proven):
-    """Returns the names of the steps to run: those that are not proven, and what makes files for them."""
+    """Returns the names of the steps to run: those that are not proven, and those that make files for them."""
     wanted = {step.name for step in steps if step.name not in proven}
     for step in reversed(steps):
         if step.makes and any(step.name in other.after for other in steps if other.name in wanted):
@@ -92,23 +92,23 @@ def needed(steps, proven):
 
 
 class Run:
-    """One run of steps. Each writes its output and what it skips into files of its own in the folder."""
+    """One run of steps. Each step writes its output, and what it skips, into files of its own in the folder."""
 
     def __init__(self, root, steps, folder, environment, prove):
         self.root = root
         self.steps = steps
         self.folder = folder
         self.environment = environment
-        # Is called with each step that has passed.
+        # A function that is called with each step that has passed.
         self.prove = prove
         self.outcomes = {}
-        # The steps that run, with the times at which they began.
+        # The steps that are running, and when they began.
         self.running = {}
         self.children = []
         self.ended = threading.Condition()
 
     def run(self, wanted):
-        """Runs the steps with these names, and returns how each of all steps ended. The others are proven."""
+        """Runs the steps with these names; the others are proven. Returns how every step ended."""
         waiting = [step for step in self.steps if step.name in wanted]
         self.outcomes = {step.name: Outcome("proven") for step in self.steps if step.name not in wanted}
         with self.ended:
@@ -122,7 +122,7 @@ class Run:
         return self.outcomes
 
     def is_next(self, step):
-        """Whether the step can begin or be given up: all before it have ended, and there is room for it."""
+        """Returns whether the step can begin, or be given up: all steps before it have ended, and there is room for it."""
         has_room = len(self.running) < BESIDE and not any(step.lane and step.lane == other.lane for other, _ in self.running.values())
         return has_room and all(name in self.outcomes for name in step.after)
 
@@ -143,7 +143,7 @@ class Run:
         threading.Thread(target=self.wait, args=(step, child), daemon=True).start()
 
     def wait(self, step, child):
-        """Waits for the end of a step, and notes and prints it."""
+        """Waits for the end of a step, records how it ended, and prints that."""
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         with self.ended:
@@ -166,18 +166,18 @@ class Run:
             self.prove(step)
 
     def may_skip(self, step):
-        """Notes that a step was skipped, and says whether it may be. Its last line says why it was."""
+        """Records that a step was skipped, for the reason in the last line of its output. Returns whether it may be skipped."""
         *_, why = self.log(step).read_text(errors="replace").strip().splitlines() or [""]
         return self.skip(step, why) == 0
 
     def skip(self, step, why):
-        """Notes that a step was skipped. Returns the status of scripts/skip."""
+        """Records that a step was skipped. Returns the exit status of scripts/skip."""
         command = [ROOT / "scripts" / "skip", f"step {step.name}: {why}"]
         with self.log(step).open("a") as log:
             return subprocess.run(command, env=self.environment_of(step), stderr=log).returncode
 
     def say_end(self, step, outcome):
-        """Prints how a step ended: with its last words, or with all of them if it has failed."""
+        """Prints how a step ended: with a line of its output, or with all of it if the step has failed."""
         said = self.log(step).read_text(errors="replace").splitlines()
         words = [line.strip() for line in said if line.strip()] or [""]
         sentence = next((line for line in reversed(words) if " passed" in line), words[-1])
@@ -186,18 +186,18 @@ class Run:
             print("\n".join(f"    {line}" for line in said), flush=True)
 
     def say_progress(self):
-        """Prints what runs, and for how long."""
+        """Prints which steps are running, and for how long."""
         now = time.monotonic()
         print("running: " + ", ".join(f"{name} {now - began:.0f} s" for name, (_, began) in self.running.items()), flush=True)
 
     def stop(self):
-        """Ends the steps that run, with all that they have started."""
+        """Ends the steps that are running, with all processes that they have started."""
         for child in list(self.children):
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(child.pid, signal.SIGTERM)
 
     def environment_of(self, step):
-        """Returns the environment of a step: each has a list of its own of what it skips."""
+        """Returns the environment of a step, which names the step's own list of what it skips."""
         return {**self.environment, "FACEWIRE_SKIPPED": str(self.skipped(step)), "FACEWIRE_STEPS_FOLDER": str(self.folder)}
 
     def log(self, step):
@@ -205,7 +205,7 @@ class Run:
         return self.folder / f"{step.name}.log"
 
     def skipped(self, step):
-        """Returns the file that lists what the step could not run, a line each."""
+        """Returns the file that lists what the step could not run, one line for each."""
         return self.folder / f"{step.name}.skipped"
 
     def skips(self, step):
@@ -255,7 +255,7 @@ def conclude(run, left_out, began):
 
 
 def test(root, steps, folder, *, everything):
-    """Runs those of the steps that are not proven, or all of them. Returns the run."""
+    """Runs the steps that are not proven or, if `everything` is set, all of them. Returns the run."""
     about = proof.machine()
     contents = proof.files(root)
     stamps = {step.name: [stamp(step, about, contents)] for step in steps}
@@ -264,7 +264,7 @@ def test(root, steps, folder, *, everything):
     proven = set() if everything else {name for name, (own, *_) in stamps.items() if own.exists()}
 
     def prove(step):
-        # What has changed while the step ran is not proven.
+        # The step proves nothing if a file that it reads has changed while it ran.
         if stamp(step, about, proof.files(root)) == stamps[step.name][0]:
             for path in stamps[step.name]:
                 proof.prove(path)
@@ -294,7 +294,7 @@ def main():
     """Runs the steps that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="*", help="steps of steps.toml, or groups of them")
-    parser.add_argument("--all", action="store_true", help="run what is proven, too, and the parts that take long")
+    parser.add_argument("--all", action="store_true", help="also run what has passed before, and the parts of steps that take long")
     parser.add_argument("--check", action="store_true", help="only see whether there are such steps")
     arguments = parser.parse_args()
     began = time.monotonic()

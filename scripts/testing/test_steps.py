@@ -14,6 +14,8 @@ import quick
 import steps
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+# Most tests stand in for it.
+MACHINE = proof.machine
 
 
 class Checkout(unittest.TestCase):
@@ -26,7 +28,7 @@ class Checkout(unittest.TestCase):
         self.ran = pathlib.Path(folder.name) / "ran"
         self.said = []
         self.steps = steps.load(pathlib.Path(__file__).with_name("steps.toml"))
-        # The last file that each step reads, which is another one for most of them, and one that few read.
+        # For each step the last file that it reads, which differs between most steps; and a file that few steps read.
         everything = list(proof.files(ROOT))
         last = {step.name: next(path for path in reversed(everything) if steps.is_read(step, path)) for step in self.steps}
         self.paths = sorted({*last.values(), "docs/service.md"})
@@ -115,6 +117,24 @@ class Checkout(unittest.TestCase):
         self.run_all()
         self.assertIn("licences", self.run_all())
 
+    def test_a_file_that_may_be_executed_no_more_is_another_file(self):
+        self.run_all()
+        path = self.root / self.read_by("package-amd64")
+        path.chmod(0o755)
+        self.assertIn("package-amd64", self.run_all())
+        self.assertNotIn("package-amd64", self.run_all())
+        path.chmod(0o644)
+        # It is proven from before.
+        self.assertNotIn("package-amd64", self.run_all())
+
+    def test_variables_for_the_compiler_run_steps_again(self):
+        with mock.patch.dict(os.environ, {"RUSTFLAGS": "", "LANG": "C"}):
+            before = MACHINE()
+        with mock.patch.dict(os.environ, {"RUSTFLAGS": "", "LANG": "de_DE"}):
+            self.assertEqual(MACHINE(), before)
+        with mock.patch.dict(os.environ, {"RUSTFLAGS": "-g"}):
+            self.assertNotEqual(MACHINE(), before)
+
     def test_steps_of_one_lane_run_one_after_the_other(self):
         for step in self.steps:
             step.command = f"mkdir {self.root}.lane-{step.lane}; rmdir {self.root}.lane-{step.lane}" if step.lane else "true"
@@ -140,8 +160,22 @@ class Quick(unittest.TestCase):
             self.assertTrue(not any("fit" in argument for command in commands for argument in command), path)
 
 
+    def test_a_package_is_checked_again_after_a_change_of_what_it_uses(self):
+        packages = proof.workspace(ROOT)
+        contents = dict.fromkeys(proof.files(ROOT), "as it was")
+        before = proof.crate_stamps(ROOT, packages, "", contents)
+        for path, changed, unchanged in (
+            ("Cargo.lock", set(packages), set()),
+            ("packet/src/lib.rs", {"facewire-packet", "facewire-console", "facewire-bridge"}, {"facewire-engine"}),
+            ("boards/pi4.toml", {"facewire-board", "facewire"}, set()),
+        ):
+            after = proof.crate_stamps(ROOT, packages, "", {**contents, path: "changed"})
+            self.assertTrue(all(after[name] != before[name] for name in changed), path)
+            self.assertTrue(all(after[name] == before[name] for name in unchanged), path)
+
+
 class Sources(unittest.TestCase):
-    """The patterns name all that cargo says the programs are made of."""
+    """The patterns in steps.toml cover every source file that, according to cargo, the programs are built from."""
 
     def test_the_steps_that_run_programs_read_all_their_sources(self):
         programs = {
@@ -162,7 +196,7 @@ class Sources(unittest.TestCase):
 
 
 def with_dependencies(packages, name):
-    """Returns the package and those of the workspace that it is made of."""
+    """Returns the package and the packages of the workspace that it depends on."""
     needed = {found["name"] for found in packages[name]["dependencies"] if found["kind"] != "dev"} & packages.keys()
     return {name}.union(*(with_dependencies(packages, other) for other in needed))
 
@@ -171,14 +205,15 @@ def sources_of(package):
     """Returns the files of this checkout that cargo lists as those of a crate, when it is compiled for programs."""
     crate = package.replace("-", "_")
     lists = list((steps.target_folder() / "debug" / "deps").glob(f"{crate}-*.d"))
-    # The unit tests of a library are made of more files. They are a program or, for clippy, have no code.
+    # Lists of a library's unit tests name more files. They belong to a program or, if clippy made them, to no code.
     libraries = [path for path in lists if path.with_name(f"lib{path.stem}.rlib").exists()]
     found = set()
     for path in libraries or lists:
         names = path.read_text().splitlines()[0].partition(":")[2].split()
         paths = [(ROOT / name).resolve() for name in names]
         found |= {str(path.relative_to(ROOT)) for path in paths if path.is_relative_to(ROOT) and path.exists()}
-    return {path for path in found if not path.startswith("target/")}
+    # clippy.toml is a source of clippy's own.
+    return {path for path in found if path != "clippy.toml" and not path.startswith("target/")}
 
 
 class Compiled(unittest.TestCase):
@@ -190,6 +225,13 @@ class Compiled(unittest.TestCase):
             said = [self.build(pathlib.Path(folder) / name, cache) for name in ("first", "second")]
         self.assertEqual(set(re.findall(r"Compiling (\S+)", said[0])), {"cfg-if", "facewire-of-a-test"})
         self.assertEqual(set(re.findall(r"Compiling (\S+)", said[1])), {"facewire-of-a-test"})
+
+    def test_what_an_interrupted_run_has_kept_does_no_harm(self):
+        with tempfile.TemporaryDirectory() as folder:
+            cache = pathlib.Path(folder) / "cache"
+            (cache / "compiled" / "debug" / ".fingerprint" / "cfg-if-0123456789abcdef").mkdir(parents=True)
+            said = self.build(pathlib.Path(folder) / "checkout", cache)
+        self.assertEqual(set(re.findall(r"Compiling (\S+)", said)), {"cfg-if", "facewire-of-a-test"})
 
     def build(self, checkout, cache):
         """Makes a checkout of a small project and builds it. Returns what cargo says."""

@@ -1,4 +1,4 @@
-//! Cameras that are and do what a test says, for a program that runs without any device (`tests/hooks/camera.c`).
+//! Simulated cameras that behave as a test describes them (`tests/hooks/camera.c`). The program needs no device.
 
 use std::env;
 use std::fmt::Write as _;
@@ -27,7 +27,7 @@ const CLIP_FRAMES: usize = 20;
 /// Values that a driver lists, each a pair: a width and a height, or the seconds and frames of an interval.
 #[derive(Debug, Clone, Copy)]
 pub enum Listing {
-    /// The driver does not list them, and has this one alone.
+    /// The driver lists nothing, and has only this value.
     Unlisted([u32; 2]),
     Discrete(&'static [[u32; 2]]),
     Steps {
@@ -61,17 +61,17 @@ pub enum Clock {
     FromStart,
     /// Gives every second frame the time of the one before it.
     Pairs,
-    /// Shows this time, of which the driver does not say what it is.
+    /// Always shows this time, which the driver marks as of an unknown clock (`V4L2_BUF_FLAG_TIMESTAMP_UNKNOWN`).
     Unknown(i64),
-    /// Shows this time, which another program has set.
+    /// Always shows this time, which the driver marks as copied from an output buffer (`V4L2_BUF_FLAG_TIMESTAMP_COPY`).
     Copied(i64),
 }
 
-/// The last frames of every so many: how many, and of how many.
+/// A share of the frames. `(1, 5)` stands for the last of every 5 frames, `(0, 0)` for none.
 pub type Share = (u32, u32);
 
-/// A call of V4L2 (`STREAMON`), `open` or `mmap` that fails: always with `nth` 0, else once, at this call since the camera
-/// was described last.
+/// A call that fails: `open`, `mmap`, or a V4L2 call such as `STREAMON`. With `nth` 0 it fails every time, else only the
+/// `nth` time since the camera was last described.
 #[derive(Debug, Clone, Copy)]
 pub struct Failure {
     pub call: &'static str,
@@ -79,7 +79,7 @@ pub struct Failure {
     pub nth: u32,
 }
 
-/// A camera. The default is an honest webcam, which sends grey pictures without a face in YUYV, 640x480 at 30 fps.
+/// A camera. The default is a faultless webcam, which sends grey pictures without a face in YUYV, 640x480 at 30 fps.
 #[derive(Debug, Clone)]
 pub struct Camera {
     pub card: &'static str,
@@ -103,14 +103,14 @@ pub struct Camera {
     pub field: u32,
     /// A folder that [`Cameras::film`] has made. Without it, the pictures are grey.
     pub frames: Option<PathBuf>,
-    /// So many frames come after the start of the stream, and then silence.
+    /// The number of frames after the start of the stream. Then none come.
     pub limit: Option<u32>,
-    /// Frames that are lost on the way, that the driver marks as damaged, that hold no byte, and that are cut in half.
+    /// The frames that are lost on the way, that the driver marks as damaged, that are empty, and that are cut in half.
     pub lost: Share,
     pub marked: Share,
     pub empty: Share,
     pub cut: Share,
-    /// The number of the first frame, and the distance to the next.
+    /// The number of the first frame, and the step from each number to the next.
     pub sequence: [u32; 2],
     pub clock: Clock,
     pub failures: Vec<Failure>,
@@ -157,12 +157,12 @@ impl Default for Camera {
 }
 
 impl Camera {
-    /// A camera of which this call always fails.
+    /// A camera with one call that always fails.
     pub fn failing(call: &'static str, error: Errno) -> Self {
         Self { failures: vec![Failure { call, error, nth: 0 }], ..Self::default() }
     }
 
-    /// A camera on no USB bus.
+    /// A camera that is not on a USB bus.
     pub fn built_in() -> Self {
         Self { driver: "vivid", bus: "platform:vivid-000", ..Self::default() }
     }
@@ -277,7 +277,7 @@ impl Cameras {
         self.folder.join(format!("dev/video{number}"))
     }
 
-    /// Plugs a camera in as `/dev/videoN`. One that is there is pulled out.
+    /// Plugs a camera in as `/dev/videoN`. If there is one already, it is unplugged.
     pub fn plug(&self, number: u32, camera: &Camera) {
         let prepared = self.folder.join("prepared");
         fs::write(&prepared, camera.describe()).unwrap();
@@ -288,7 +288,7 @@ impl Cameras {
         fs::remove_file(self.node(number)).unwrap();
     }
 
-    /// Lets the camera, which may be open, be and do something else from now on.
+    /// Gives the camera a new description, which takes effect at once, even if the camera is open.
     pub fn change(&self, number: u32, camera: &Camera) {
         let mut node = File::options().write(true).open(self.node(number)).unwrap();
         node.lock().unwrap();
@@ -296,25 +296,25 @@ impl Cameras {
         node.write_all(camera.describe().as_bytes()).unwrap();
     }
 
-    /// Makes a link in `/dev/v4l`, as udev does, or lets it lead to another camera.
+    /// Makes a link in `/dev/v4l`, as udev does, or makes an existing link lead to another camera.
     pub fn link(&self, link: &str, number: u32) {
         let link = self.folder.join("dev/v4l").join(link);
         let _ = fs::remove_file(&link);
         symlink(format!("../../video{number}"), link).unwrap();
     }
 
-    /// The calls to a camera so far, a line each: `open`, `S_FMT YUYV 640x480`, `S_PARM 1/30`, `REQBUFS 4`, `STREAMON`,
+    /// The calls to a camera so far, one on each line: `open`, `S_FMT YUYV 640x480`, `S_PARM 1/30`, `REQBUFS 4`, `STREAMON`,
     /// `STREAMOFF`, `close`.
     pub fn calls(&self, number: u32) -> String {
         fs::read_to_string(self.folder.join(format!("calls/video{number}"))).unwrap_or_default()
     }
 
-    /// Waits until the camera was called so often by this name.
+    /// Waits until the program has made this call at least `count` times.
     pub fn await_calls(&self, number: u32, call: &str, count: usize) {
         eventually(call, || self.calls(number).lines().filter(|line| *line == call).count() >= count);
     }
 
-    /// Lets the command find these cameras, and none of this machine.
+    /// Makes the command find these cameras, and none of the real machine.
     pub fn prepare<'a>(&self, command: &'a mut Command) -> &'a mut Command {
         command.env("LD_PRELOAD", hook("camera")).env(FOLDER, &self.folder)
     }
@@ -382,7 +382,7 @@ pub fn clip_raw(fourcc: &str, stride: usize, count: usize) -> Vec<Vec<u8>> {
     frames
 }
 
-/// Arranges the samples of a picture of 640x480 pixels, whose rows of chroma have 320 samples, as a format has them.
+/// Arranges the samples of a 4:2:2 picture of 640x480 pixels in the order of the format `fourcc`.
 fn raw(fourcc: &str, stride: usize, [luma, u, v]: [&[u8]; 3]) -> Vec<u8> {
     let padded = |mut row: Vec<u8>, bytes: usize| {
         row.resize(bytes, 0);

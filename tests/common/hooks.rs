@@ -13,7 +13,7 @@ pub fn hook(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let library = folder.join(format!("{name}-{:016x}.so", fingerprint()));
     if !library.exists() {
-        // Tests run side by side, and none may find half a library.
+        // Tests run in parallel, and none must find an unfinished library.
         let unfinished = folder.join(format!("{name}-{}.so", process::id()));
         let mut compiler = Command::new("cc");
         compiler.args(["-O1", "-Wall", "-Wextra", "-shared", "-fPIC", "-o"]).arg(&unfinished).arg(source).arg("-ldl");
@@ -23,7 +23,7 @@ pub fn hook(name: &str) -> PathBuf {
     library
 }
 
-/// A number for the content of all files of `tests/hooks`.
+/// A hash of all files in `tests/hooks`.
 fn fingerprint() -> u64 {
     let mut files: Vec<PathBuf> = fs::read_dir(project("tests/hooks")).unwrap().map(|it| it.unwrap().path()).collect();
     files.sort();

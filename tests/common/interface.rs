@@ -1,4 +1,4 @@
-//! A network interface of the test's own, in a namespace of the kernel that has no other network.
+//! A network interface for one test, in a network namespace of the kernel that has no other network.
 
 use std::env;
 use std::process::Command;
@@ -7,7 +7,7 @@ use super::program::Run;
 use super::skip;
 
 const INSIDE: &str = "FACEWIRE_TEST_NETWORK";
-/// Prepares the namespace: the interface is one end of a cable, and the other end is always up.
+/// Prepares the namespace: the interface is one end of a virtual cable, whose other end is always up.
 const PREPARE: &str = "ip link set lo up && ip link add face0 type veth peer name face1 && \
                        ip address add 10.77.0.1/24 dev face0 && ip link set face1 up && ip link set face0 up";
 
@@ -50,7 +50,7 @@ fn ip(words: &str) {
     Run::of(Command::new("ip").args(words.split(' '))).succeeded();
 }
 
-/// Runs these words in a new namespace that was prepared.
+/// Returns a command that runs these words in a new namespace that has been prepared.
 fn isolated(words: &[&str]) -> Command {
     let mut command = Command::new("unshare");
     command

@@ -9,8 +9,8 @@ use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, soc
 
 use super::PATIENCE;
 
-/// A TCP port on which the programs of one test may listen, one after the other. A socket that is bound to it and does not
-/// listen keeps the system from giving it to anybody else. The programs must set `SO_REUSEADDR`, as almost all do.
+/// A TCP port on which the programs of one test may listen, one after the other. A socket that is bound to the port but does
+/// not listen keeps the system from giving it to another program. The programs must set `SO_REUSEADDR`, as almost all do.
 pub struct HeldPort(TcpListener);
 
 impl HeldPort {
@@ -39,7 +39,7 @@ pub fn udp_port_of(process: u32) -> u16 {
     }
 }
 
-/// The beginning of an address at 127.0.0.1 in `/proc/net/udp`, on a machine whose numbers end with the greatest byte.
+/// 127.0.0.1 and the colon before the port in `/proc/net/udp`, on a little-endian machine.
 const LOOPBACK: &str = "0100007F:";
 
 /// The kernel lists the ports of all processes by the numbers of their sockets, which `/proc/PID/fd` names.

@@ -125,8 +125,8 @@ impl Service {
         kill_process(self.pid(), signal).unwrap();
     }
 
-    /// Asks for a status line and waits for it. Before its first packet, a service may not heed the signal yet, which then
-    /// kills it.
+    /// Asks for a status line, and waits for it. Call this only after the first packet: before, the service may not handle the
+    /// signal yet, which then kills it.
     pub fn status(&self) -> String {
         let before = status_lines(&self.log()).count();
         self.signal(Signal::USR1);

@@ -1,4 +1,4 @@
-//! Tests that leave themselves out, because this machine lacks something they need.
+//! Lets a test skip itself if this machine lacks something that the test needs.
 
 #![allow(clippy::unwrap_used)]
 
@@ -7,12 +7,12 @@ use std::io::{Write as _, stderr};
 
 /// Names the file that collects skipped tests, one line each. `scripts/test` sets it and prints the file at its end.
 const LIST: &str = "FACEWIRE_SKIPPED";
-/// Where this is "true", a test fails in place of leaving itself out, unless [`ALLOWED`] allows it.
+/// If this is "true", a test that skips itself fails, unless [`ALLOWED`] allows the skip.
 const CI: &str = "CI";
 /// `scripts/skip` reads the same file.
 const ALLOWED: &str = include_str!("../skips-allowed");
 
-/// Notes that the calling test did not run, and why: on standard error, and in the list of skipped tests.
+/// Reports that the calling test did not run, and why: on standard error, and in the list of skipped tests.
 ///
 /// The line is written past the test harness, which shows what a test prints only if the test fails.
 pub fn skip(why: &str) {

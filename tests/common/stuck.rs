@@ -38,7 +38,7 @@ impl Stuck {
 
 impl Drop for Stuck {
     fn drop(&mut self) {
-        // The thread may have been killed meanwhile. Then its process cannot end before this one has seen that.
+        // The thread may have been killed meanwhile. Then its process cannot end until this one has waited for the thread.
         if ptrace::detach(self.0, None).is_err() {
             let _ = waitpid(self.0, Some(WaitPidFlag::__WALL));
         }

@@ -217,7 +217,7 @@ def complaints_about_times(name, back_s, limit_s):
 
 
 def complaints_about_order(datagrams, longest_s):
-    """Complaints about packets that are missing or late; the loopback interface loses none, but the receiver may drop some."""
+    """Complaints about packets that are missing or late. The loopback interface loses none, but the receiver may drop some."""
     packets = datagrams.packets
     steps = [(later["sequence"] - earlier["sequence"]) % 65536 for (_, earlier), (_, later) in zip(packets, packets[1:])]
     times_s = [later - earlier for (earlier, _), (later, _) in zip(packets, packets[1:])]

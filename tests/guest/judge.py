@@ -42,8 +42,8 @@ def pearson(xs, ys):
 
 
 def judge_clip(packets, shown_path, truth_path):
-    """Whether the coefficients follow those that the clip was rendered from. Of each frame the last packet counts: by then the
-    output has caught up with the pose, even if the face was held before."""
+    """Checks that the coefficients follow those that the clip was rendered from. The last packet of each frame counts: by then,
+    the output has caught up with the pose, even if the face was held before."""
     shown, truth = read(shown_path), read(truth_path)
     last = {row["capture_us"]: row for row in packets if row["state"] == "live"}
     correlations = {name: pearson([float(last[row["capture_us"]][name]) for row in shown],

@@ -18,7 +18,7 @@ from facewire_packet import cobs_decode, decode
 PORT = 5252
 # Timestamps by the kernel, in nanoseconds: no delay of this program is in them.
 SO_TIMESTAMPNS = 35
-# The count of packets that the kernel has dropped because this program had not read those before.
+# The number of packets that the kernel has dropped because this program did not read the earlier ones in time.
 SO_RXQ_OVFL = 40
 
 # Longest wait for a state, in seconds. On a busy machine emulation is slow.
@@ -91,7 +91,7 @@ class End:
 
 
 class Datagrams(End):
-    """The receiver by UDP. `dropped` counts the packets that reached this machine, but not this program."""
+    """The UDP receiver. `dropped` counts the packets that reached this machine, but not this program."""
 
     dropped = 0
 
@@ -104,7 +104,7 @@ class Datagrams(End):
                 data, told, _, _ = server.recvmsg(2048, 256)
                 told = {kind: content for _, kind, content in told}
                 seconds, nanoseconds = struct.unpack("qq", told[SO_TIMESTAMPNS])
-                # Without a drop, the kernel gives no count.
+                # Until it drops a packet, the kernel gives no count.
                 self.dropped = int.from_bytes(told.get(SO_RXQ_OVFL, b""), "little")
                 self.take(monotonic(seconds + nanoseconds / 1e9), data)
 

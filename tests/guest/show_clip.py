@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Shows frames of the built-in clip to a camera, one by one: the next comes once a packet gives the pose of the last.
+"""Feeds frames of the built-in clip to a camera, one by one: the next follows once a packet has the pose of the last.
 
 show_clip.py CAMERA FILM.avi PACKETS.csv SHOWN.csv FRAME...
 
-CAMERA is uvc, the USB webcam, or mjpeg or yuyv, the format of a v4l2loopback camera. PACKETS.csv is what
-tests/packet_recorder.py records. When all frames were shown, SHOWN.csv gives the time of capture in the packets of each. The
-last frame is then repeated until this program is ended.
+CAMERA is uvc, for the USB webcam, or mjpeg or yuyv, for a v4l2loopback camera with this format. PACKETS.csv is what
+tests/packet_recorder.py records. When all frames have been shown, this program writes each frame into SHOWN.csv, with the time of
+capture in its packet. It then repeats the last frame until it is killed.
 """
 
 import csv
@@ -19,9 +19,9 @@ import time
 
 from receivers import await_that
 
-# A frame is shown again until a packet has its pose: nobody may have read it, a neutral face needs three poses in a row, and a
-# face that was lost is looked for in the next frame. That is after AGAIN_S, on a slow machine after AGAIN_TIMES what the
-# slowest frame has taken, and at last before the service takes the camera for stuck.
+# A frame is shown again until a packet has its pose: the service may have missed it, a neutral face needs three poses in a row,
+# and a face that was lost is searched for in the next frame. The pause before it is shown again is AGAIN_S or, on a slow machine,
+# AGAIN_TIMES the longest time that a frame has taken, but at most AGAIN_AT_LAST_S, so that the camera does not seem stuck.
 AGAIN_S, AGAIN_TIMES, AGAIN_AT_LAST_S = 1, 1.5, 15
 SIZE = (640, 480)
 # struct v4l2_format: the type for output, and its fields up to the colour space.
@@ -79,13 +79,13 @@ class Loopback:
 
 
 class Poses:
-    """The packets of a pose, as they are recorded."""
+    """Reads the recorded packets that have a pose, as they come."""
 
     def __init__(self, path):
         self.file, self.rest = open(path), ""
 
     def captured_since(self, shown_us):
-        """The time of capture in the next packet of a pose that was captured after this time, or None."""
+        """Returns the time of capture in the first new packet whose pose was captured after this time, or None."""
         *rows, self.rest = (self.rest + self.file.read()).split("\n")
         cells = [row.split(",") for row in rows]
         times_us = [int(row[5]) for row in cells if row[1] == "live"]
@@ -94,7 +94,7 @@ class Poses:
 
 
 class Screen:
-    """Shows frames to a camera. `slowest_s` is the longest time from a frame to the packet with its pose."""
+    """Shows frames to a camera. `slowest_s` is the longest time that it took from showing a frame to the packet with its pose."""
 
     def __init__(self, camera, poses):
         self.camera, self.poses, self.slowest_s = camera, poses, 0.0

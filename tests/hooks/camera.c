@@ -1,18 +1,18 @@
-/* A V4L2 camera that is and does what a test says, for a program that runs without any device.
+/* Simulated V4L2 cameras that behave as a test describes them. The program under test needs no device.
  *
  * A test preloads this library into a program and names a folder in CAMERAS. The program then finds the folder's
- * `dev/video0` to `dev/video9`, `dev/v4l` and `sys/class/video4linux` under these names in `/`, and no cameras of this
+ * `dev/video0` to `dev/video9`, `dev/v4l` and `sys/class/video4linux` under these names in `/`, and no camera of this
  * machine. Each file `dev/videoN` is a camera, and its text describes the camera (camera_description.h). Links below
  * `dev/v4l` lead to them. What a program asks a camera for is written to `calls/videoN`.
  *
  * A test may rewrite the text of a file at any time, with the file locked by flock(): the camera then goes on by the new
  * text. A file that is removed or replaced is a camera that was unplugged.
  *
- * The camera has no thread. Whenever a program calls, the frames that were due by the true clock since the last call are
- * put into the buffers that were queued, or dropped where none was, as a driver does.
+ * The cameras have no thread. On each call, the library puts the frames that have become due since the last call, by
+ * the monotonic clock, into queued buffers, or drops them if no buffer is queued, as a driver does.
  *
- * Limits: the V4L2 calls that capture by mapped buffers. It takes over what Rust's standard library and the v4l crate
- * call, not every function that takes a path.
+ * Limits: it knows only the V4L2 calls that capture by mapped buffers, and replaces only the functions that Rust's
+ * standard library and the v4l crate call, not every function that takes a path.
  *
  * Build: cc -O1 -shared -fPIC -o camera.so camera.c -ldl */
 #define _GNU_SOURCE
@@ -34,7 +34,7 @@
 
 #include "camera_description.h"
 
-/* The function of this name that the library hides. */
+/* The function of this name that this library replaces. */
 #define HIDDEN(function)                                                                                               \
     ({                                                                                                                 \
         static __typeof__(&function) hidden;                                                                           \
@@ -49,7 +49,7 @@
 #define VIDEO_MAJOR 81
 /* Distance between the offsets at which buffers are mapped: more than a picture of 4096x4096 pixels takes. */
 #define BUFFER_OFFSET 0x10000000u
-/* How soon a program that waits for a frame notices that the description has changed. */
+/* How soon a program that waits for a frame notices that the description has changed, microseconds. */
 #define LOOK_AGAIN_US 2000
 
 struct buffer {
@@ -66,7 +66,7 @@ struct queue {
     uint32_t buffers[MOST_BUFFERS];
 };
 
-/* A camera as its file describes it, whoever has it open. */
+/* A camera as its file describes it, shared by all descriptors that have it open. */
 struct node {
     char name[8];
     char text[MOST_TEXT];
@@ -87,7 +87,7 @@ struct camera {
     struct queue queued, filled;
     int is_streaming;
     int64_t begun_us, due_us, last_stamp_us;
-    /* Frames since the stream began, also lost ones. */
+    /* Frames since the stream began, lost ones included. */
     uint32_t frame;
 };
 
@@ -164,7 +164,7 @@ static int is_gone(const struct camera *camera)
            named.st_ino != open.st_ino;
 }
 
-/* Notes what the program has asked for. */
+/* Adds what the program has asked for to the camera's list of calls. */
 __attribute__((format(printf, 2, 3))) static void note(const struct camera *camera, const char *format, ...)
 {
     char path[64], file[PATH_MAX], line[128];
@@ -179,7 +179,7 @@ __attribute__((format(printf, 2, 3))) static void note(const struct camera *came
     HIDDEN(close)(calls);
 }
 
-/* Returns the error with which this call is to fail, or 0. */
+/* Returns the error with which this call is to fail, or 0 if it is not to fail. */
 static int failure(struct camera *camera, const char *call)
 {
     for (uint32_t i = 0; i < camera->is->failure_count; i++) {
@@ -481,7 +481,7 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
         return;
     if (!strcmp(clock, "frozen")) /* stands still from the start of the stream */
         buffer->time_us = camera->begun_us;
-    else if (!strcmp(clock, "constant")) /* NUMBER microseconds, always */
+    else if (!strcmp(clock, "constant")) /* always NUMBER microseconds */
         buffer->time_us = number;
     else if (!strcmp(clock, "realtime")) /* the time of day */
         buffer->time_us = true_us + clock_us(CLOCK_REALTIME) - clock_us(CLOCK_MONOTONIC);
@@ -495,10 +495,10 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
         buffer->time_us = since_us;
     else if (!strcmp(clock, "pairs")) /* every second frame has the time of the one before it */
         buffer->time_us = camera->frame % 2 ? camera->last_stamp_us : true_us;
-    else if (!strcmp(clock, "unknown")) { /* NUMBER microseconds, of which the driver does not say what they are */
+    else if (!strcmp(clock, "unknown")) { /* NUMBER microseconds, marked as of an unknown clock */
         buffer->flags = V4L2_BUF_FLAG_TIMESTAMP_UNKNOWN;
         buffer->time_us = number;
-    } else if (!strcmp(clock, "copied")) { /* NUMBER microseconds, which another program has set */
+    } else if (!strcmp(clock, "copied")) { /* NUMBER microseconds, marked as copied from an output buffer */
         buffer->flags = V4L2_BUF_FLAG_TIMESTAMP_COPY;
         buffer->time_us = number;
     } else
@@ -554,7 +554,7 @@ static void advance(struct camera *camera)
 
 static void free_buffers(struct camera *camera)
 {
-    /* Those that the program has mapped are unmapped by it. */
+    /* The program unmaps the buffers that it has mapped. */
     camera->buffer_count = camera->queued.count = camera->filled.count = 0;
 }
 
@@ -640,7 +640,7 @@ static int take_buffer(struct camera *camera, struct v4l2_buffer *buffer)
     int error = check_buffer(camera, buffer);
     if (error || !camera->is_streaming)
         return EINVAL;
-    /* A program that waits here would hold all others up, and no program of ours does: each polls first. */
+    /* Waiting here would block all other calls. The programs under test do not rely on it: they poll first. */
     if (!camera->filled.count)
         return EAGAIN;
     buffer->index = take_first(&camera->filled);
@@ -721,7 +721,7 @@ static int call(struct camera *camera, uint32_t request, void *argument)
     return error ? -1 : 0;
 }
 
-/* Returns what poll() finds, and when to look again at the latest. */
+/* Returns what poll() is to report, and the time at which to look again at the latest. */
 static short readiness(struct camera *camera, int64_t *again_us)
 {
     pthread_mutex_lock(&lock);
@@ -748,7 +748,7 @@ static int await_frame(struct camera *camera, struct pollfd *wanted, int timeout
     return 1;
 }
 
-/* Makes an open file a camera. Returns its descriptor, or -1 if opening it is to fail. */
+/* Turns an open file into a camera. Returns its descriptor, or -1 if opening it is to fail. */
 static int open_camera(const char *path, int descriptor)
 {
     if (descriptor < 0)
@@ -774,7 +774,7 @@ static int open_camera(const char *path, int descriptor)
     return descriptor;
 }
 
-/* ---- The functions that are taken over ---- */
+/* ---- The functions that this library replaces ---- */
 
 static int open_any(const char *path, int flags, mode_t mode)
 {
@@ -885,7 +885,7 @@ int ioctl(int descriptor, unsigned long request, ...)
     return camera ? call(camera, (uint32_t)request, argument) : HIDDEN(ioctl)(descriptor, request, argument);
 }
 
-/* The v4l crate makes its calls by this function. */
+/* The v4l crate makes its ioctl calls with this function. */
 long syscall(long number, ...)
 {
     long arguments[6];

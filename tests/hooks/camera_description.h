@@ -1,8 +1,8 @@
-/* What a simulated camera is and does, as a test has written it: a text of lines, each with a key and its values.
- * `Camera` in tests/common/camera.rs writes it. A key that is missing keeps the value of an honest webcam.
+/* The description of a simulated camera: lines of text, each with a key and its values.
+ * `Camera` in tests/common/camera.rs writes it. Without a key, the camera behaves like a faultless webcam.
  *
  *   card, driver, bus TEXT                       the names that the camera gives itself
- *   capabilities, device_capabilities NUMBER     V4L2_CAP_...; the second decides between single-planar and multi-planar
+ *   capabilities, device_capabilities NUMBER     V4L2_CAP_...; the second decides whether the camera is multi-planar
  *   formats FOURCC...                            may be empty
  *   sizes LISTING WIDTHxHEIGHT...                discrete; steps or continuous, with smallest, largest and step;
  *                                                none: not listed, and the first one is used
@@ -10,16 +10,16 @@
  *   granted_format FOURCC                        what the driver sets whatever it is asked for
  *   granted_size WIDTHxHEIGHT
  *   granted_interval SECONDS/FRAMES
- *   pace SECONDS/FRAMES                          how frames really come, whatever the driver says
+ *   pace SECONDS/FRAMES                          the true interval of frames, whatever the driver says
  *   stride, image_bytes, colorspace, quantization, field NUMBER
  *   frames FOLDER                                with files 0000, 0001, ..., shown in turn; without it, grey pixels
- *   limit COUNT                                  so many frames after the start, then silence
+ *   limit COUNT                                  COUNT frames after the start of the stream, then none
  *   lost, marked, empty, short COUNT OF          the last COUNT of every OF frames are lost on the way, marked as damaged
  *                                                by the driver, without a byte, or cut in half
  *   sequence FIRST STEP                          the numbers of the frames
  *   clock KIND NUMBER                            see `stamp` in camera.c
- *   fail CALL ERRNO NTH                          a call that fails: always with NTH 0, else the NTHth since the text was
- *                                                changed last; may be repeated */
+ *   fail CALL ERRNO NTH                          a call that fails: every time if NTH is 0, else only the NTHth time since
+ *                                                the text last changed; the key may be repeated */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,7 +50,7 @@ struct failure {
     char call[24];
     int error;
     uint32_t nth;
-    /* Calls since the text was changed. */
+    /* Calls since the text last changed. */
     uint32_t calls;
 };
 
@@ -218,13 +218,13 @@ static void read_line(struct description *description, char *line)
     if (!read_text(description, line, values) && !read_number(description, line, values) &&
         !read_share(description, line, values) && !read_grant(description, line, values) &&
         !read_behaviour(description, line, values)) {
-        /* A test that means something else than it says would prove nothing. */
+        /* With a misspelt key that is ignored, a test would prove nothing. */
         fprintf(stderr, "camera.c: there is no key %s\n", line);
         abort();
     }
 }
 
-/* Reads the text, which is changed. */
+/* Reads the text, and overwrites parts of it. */
 static void read_description(struct description *description, char *text)
 {
     *description = (struct description){

@@ -1,9 +1,10 @@
-/* A serial driver that makes only some baud rates: its UART divides a base rate by whole numbers. As drivers do, it sets the
- * nearest rate without an error, and shows in the terminal's settings what it has set. A test preloads this library into a
- * program, and gives the base rate in SERIAL_BASE_BAUD: 921600 is the fastest rate of many adapters, and 24000000 makes all
- * rates that facewire takes.
+/* A serial driver that supports only some baud rates, because its UART divides a base rate by a whole number. Like real
+ * drivers, it sets the nearest rate without an error, and reports that rate in the terminal's settings. A test preloads this
+ * library into a program, and gives the base rate in SERIAL_BASE_BAUD: 921600 is the fastest rate of many adapters, and
+ * 24000000 allows all rates that facewire takes.
  *
- * Limit: it knows the calls that set a rate by its number (TCSETS2 and its kin), not those that choose one of a list.
+ * Limit: it knows the calls that set a rate by its number (TCSETS2, TCSETSW2 and TCSETSF2), not those that choose a rate
+ * from a list (TCSETS).
  *
  * Build: cc -O1 -shared -fPIC -o serial.so serial.c -ldl */
 #define _GNU_SOURCE
@@ -14,7 +15,7 @@
 #include <asm/ioctls.h>
 #include <asm/termbits.h>
 
-/* The rate that a UART with this base rate makes of the one that it is asked for. */
+/* Returns the rate that a UART with this base rate sets when it is asked for another. */
 static speed_t made(speed_t base, speed_t asked)
 {
     speed_t divisor = asked ? (base + asked / 2) / asked : 1;

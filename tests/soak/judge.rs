@@ -12,9 +12,9 @@ use super::process::{Arrival, Sample};
 /// Longest time between two packets, apart from the time in which the sender waits for a processor. A neutral face is sent
 /// 10 times a second.
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
-/// In so many judged seconds, one may show minor page faults, because the kernel may move a page of its own accord.
+/// Of this many judged seconds, one may show minor page faults, because the kernel may move a page of its own accord.
 const SECONDS_PER_FAULT: usize = 3600;
-/// What must have been seen at the end: the state and its reason.
+/// The states, each with its reason, that must have been seen by the end.
 const WANTED: [&str; 4] = ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"];
 /// A serial port, a receiver with faults, and a receiver without.
 const LINKS: u64 = 3;
@@ -114,7 +114,7 @@ impl Judge {
         assert!(self.faulted_s <= allowed_s, "frames fault pages, in {} of {} seconds", self.faulted_s, self.judged_s);
     }
 
-    /// The descriptors that the service had open at most in the first third of the run.
+    /// The largest number of descriptors that the service had open in the first third of the run.
     pub fn descriptors_at_first(&self) -> usize {
         let (first, _) = self.thirds();
         first.iter().map(|sample| sample.descriptors).max().unwrap()

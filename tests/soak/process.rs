@@ -19,10 +19,10 @@ use super::common::service::{Receiver, Service};
 /// Fields of a thread's `stat`, counted after its name.
 const MINOR_FAULTS: usize = 7;
 const MAJOR_FAULTS: usize = 9;
-/// Room for the packets of several seconds, in case this process is not run for so long.
+/// Room for the packets of several seconds, in case this process gets no processor for so long.
 const BUFFER_BYTES: usize = 1 << 20;
 
-/// When the kernel received a packet, on the system's clock, however late this process reads it.
+/// A packet, and when the kernel received it on the system's clock, however late this process reads it.
 pub type Arrival = (Duration, Packet);
 
 /// The service with a receiver that never goes away.
@@ -95,7 +95,7 @@ impl Process {
         fs::read_dir(format!("/proc/{}/fd", self.service.child.id())).unwrap().count()
     }
 
-    /// The kernel tells how long a thread ran and how long it waited for a processor, in nanoseconds.
+    /// How long the sender has waited for a processor. The kernel reports nanoseconds, after the time for which the thread ran.
     fn starved(&self) -> Duration {
         let times = self.service.proc(&format!("task/{}/schedstat", self.threads[1]));
         Duration::from_nanos(times.split(' ').nth(1).unwrap().parse().unwrap())

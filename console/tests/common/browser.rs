@@ -1,5 +1,5 @@
-//! Chromium without a screen, driven by its `DevTools` protocol through a pipe. Whatever a person does with keys, a mouse or a
-//! thumb, tests do in the same way and at the same pace: scripts in the page only look.
+//! Chromium without a screen, driven by its `DevTools` protocol through a pipe. What a person does with keys, a mouse or a
+//! thumb, tests do in the same way and at the same pace. Scripts in the page only look.
 //! Source: <https://chromedevtools.github.io/devtools-protocol/>
 
 use std::{
@@ -34,13 +34,13 @@ const ARGUMENTS: [&str; 8] = [
 /// The folder to keep screenshots in, for people who want to look at them.
 const SCREENSHOTS: &str = "FACEWIRE_SCREENSHOTS";
 
-/// What a person takes from one key to the next, or for a step of a drag.
+/// The time that a person takes from one key to the next, or for one step of a drag.
 const PACE_MS: RangeInclusive<u64> = 60..=200;
 const STEPS_OF_A_DRAG: u32 = 5;
-/// Chromium draws the thumb of a slider so wide. Its middle goes from half a thumb to half a thumb before the end.
+/// The width of a slider's thumb in Chromium. The middle of the thumb stays half this width away from both ends.
 const THUMB_PX: f64 = 16.0;
 
-/// Finds the middle of a control, scrolls there if it is elsewhere or below a bar, and waits until it rests.
+/// Finds the middle of a control, scrolls to it if it is out of sight or covered, and waits until it stays in place.
 const PLACE: &str = "new Promise((done) => {
     const end = performance.now() + PATIENCE_MS;
     let last;
@@ -64,7 +64,7 @@ const PLACE: &str = "new Promise((done) => {
     look();
 })";
 
-/// Notes whether the next click comes to a control.
+/// Records whether the next click reaches a control.
 const WATCH_CLICK: &str = "(() => {
     window.hand ??= { note: addEventListener('click', ({ target }) => { hand.isHit = hand.control.contains(target); }, true) };
     Object.assign(hand, { control: FIND, isHit: undefined });
@@ -75,7 +75,7 @@ pub fn element(selector: &str) -> String {
     format!("document.querySelector({selector:?})")
 }
 
-/// Returns an expression for the first control whose text begins so and that can be used.
+/// Returns an expression for the first visible and enabled control whose text begins so.
 pub fn control(text: &str) -> String {
     format!(
         "[...document.querySelectorAll('button:enabled, a, summary')]\
@@ -83,7 +83,7 @@ pub fn control(text: &str) -> String {
     )
 }
 
-/// Returns an expression for a button that is there while the page is armed, or for the one that arms it. A busy machine may
+/// Returns an expression for a button that is there only while the page is armed, or else for the button that arms it. A busy machine may
 /// delay the heartbeat of the page, which then disarms.
 pub fn or_arm(text: &str) -> String {
     format!("({} ?? {})", control(text), control("Arm"))
@@ -109,7 +109,7 @@ pub struct Browser {
     folder: TempDir,
     patience: Duration,
     random: fastrand::Rng,
-    /// Whether a thumb taps and drags, as on a phone, instead of a mouse.
+    /// Whether tests touch the page, as on a phone, instead of using a mouse.
     has_thumb: bool,
 }
 
@@ -178,7 +178,7 @@ impl Browser {
         self.patience = patience;
     }
 
-    /// Gives the page another size. A narrow page is that of a phone, which is touched.
+    /// Gives the page another size. A narrow page counts as that of a phone, and is touched.
     pub fn resize(&mut self, width: u32, height: u32) {
         self.has_thumb = width < 600;
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": self.has_thumb});
@@ -261,7 +261,7 @@ impl Browser {
         }
     }
 
-    /// Presses a key, as `key` of an event names it.
+    /// Presses a key, which has the name that `key` of a keyboard event gives it.
     pub fn press(&mut self, key: &str) {
         let text = if key == "Enter" { "\r" } else { key };
         let text = if text.chars().count() == 1 { text } else { "" };
@@ -288,7 +288,7 @@ impl Browser {
         }
     }
 
-    /// Lets as much time pass as a person thinks about the next word.
+    /// Lets as much time pass as a person takes to think about the next word.
     pub fn think(&mut self) {
         for _ in 0..5 {
             self.pause();
@@ -304,7 +304,7 @@ impl Browser {
         }
     }
 
-    /// As [`Self::type_text`], but hesitates before the last key until two statuses have come and the page is drawn with them.
+    /// Like [`Self::type_text`], but waits before the last key until two statuses have come and the page is drawn with them.
     pub fn type_through_statuses(&mut self, text: &str) {
         let before = self.statuses();
         let (last, _) = text.char_indices().next_back().unwrap();
@@ -334,7 +334,7 @@ impl Browser {
         self.wait_for_picture();
     }
 
-    /// Puts a text in the place of the one that a field has. The focus stays in the field.
+    /// Replaces the text of a field. The focus stays in the field.
     pub fn fill(&mut self, field: &str, text: &str) {
         self.select_all(field);
         self.type_text(text);
@@ -377,8 +377,8 @@ impl Browser {
         self.click_on(&control(text));
     }
 
-    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not below something else. Tries again if it
-    /// has moved away under the hand.
+    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not covered. Tries again if it has
+    /// moved away before the click.
     pub fn click_on(&mut self, find: &str) {
         let end = Instant::now() + self.patience;
         loop {
@@ -412,7 +412,7 @@ impl Browser {
         self.wait_until(&format!("!{list}.matches(':open')"));
     }
 
-    /// Takes hold of a slider and drags it to a value, without letting go. Returns where it is let go.
+    /// Takes hold of a slider and drags it to a value, without letting go. Returns the place for [`Self::let_go`].
     pub fn hold(&mut self, slider: &str, value: f64) -> [f64; 2] {
         let [_, y] = self.place(slider);
         let now = self.value(&format!(
@@ -435,7 +435,7 @@ impl Browser {
         self.touch(Touch::Up, place);
     }
 
-    /// Drags a slider to a value. Returns whether it came there, which one that is disabled does not.
+    /// Drags a slider to a value. Returns whether it arrived there. A disabled slider does not.
     #[must_use]
     pub fn drag(&mut self, slider: &str, value: f64) -> bool {
         let place = self.hold(slider, value);
@@ -453,7 +453,7 @@ impl Browser {
         self.touch(Touch::Up, place);
     }
 
-    /// Scrolls the page by a thumb that comes down on an element.
+    /// Scrolls the page with a thumb that touches an element first.
     pub fn swipe_up(&mut self, find: &str) {
         let [x, y] = self.place(find);
         self.touch(Touch::Down, [x, y]);
@@ -491,7 +491,7 @@ impl Browser {
         self.value(&format!("{} !== undefined", control("Disarm"))) == true
     }
 
-    /// Moves the focus to a control by the Tab key. Returns whether it comes there, which it does not to one that is disabled.
+    /// Moves the focus to a control with the Tab key. Returns whether it arrives there. It never arrives at a disabled control.
     #[must_use]
     pub fn tab_to(&mut self, find: &str) -> bool {
         (0..200).any(|_| {
@@ -514,7 +514,7 @@ impl Browser {
         self.call("Page.navigateToHistoryEntry", &json!({"entryId": entry}));
     }
 
-    /// Waits for all changes of the draft of the settings so far. They are made in order, so an empty one is the last.
+    /// Waits until all changes of the settings' draft so far are made: changes are made in order, and it waits for an empty one.
     pub fn settle(&mut self) {
         self.value("import('./draft.js').then(({ change }) => change({})).then(() => 1)");
         self.wait_for_picture();

@@ -22,7 +22,7 @@ use tempfile::TempDir;
 
 use super::{PATIENCE, Viewer, command, packet};
 
-/// What a program named `facewire` does here: it finds a fault in settings with the word `bad`, and judges none while there is
+/// A stand-in for the program `facewire`: it finds a fault in settings with the word `bad`, and judges no settings while there is
 /// a file named `judging` beside it.
 const PROGRAM: &str = r#"#!/bin/sh
 case "$1 $2" in

@@ -116,8 +116,8 @@ read_frames() {
     [ "$(counted frames)" -ge "$1" ] 2>/dev/null
 }
 
-# show_clip CAMERA FRAME...: the face of the built-in clip reaches the packets, with a pose of its own for each of these
-# frames (see show_clip.py). Each is shown once the packets have the pose of the one before, however long that takes.
+# show_clip CAMERA FRAME...: checks that the packets show the face of the built-in clip, with its own pose for each of these
+# frames. show_clip.py shows a frame once the packets have the pose of the previous one, however long that takes.
 show_clip() {
     cp receivers.py show_clip.py truth.csv $work
     : >$work/packets.csv

@@ -97,7 +97,7 @@ systemctl reload facewire
 await told 1 'settings refused: the current ones stay'
 [ "$(property MainPID)" = "$pid" ] || fail 'bad settings ended the running service'
 systemctl restart facewire 2>$work/said && fail 'it started with bad settings'
-# A unit that systemd is going to start again is not failed meanwhile, but "activating".
+# If systemd were going to start the unit again, the unit would be "activating" meanwhile, not "failed".
 await is_refused
 [ "$(property NRestarts)" = 0 ] || fail "bad settings: started again $(property NRestarts) times"
 echo "bad settings: exit status $(property ExecMainStatus), not started again"

@@ -17,6 +17,12 @@ fn open() -> CameraSource {
     CameraSource::open("/dev/video0", &WISH, TIMEOUT).unwrap()
 }
 
+/// Reads frames until the source fails.
+fn failure(source: &mut CameraSource) -> CaptureError {
+    let errors = (0..2000).find_map(|_| source.next().err());
+    errors.unwrap_or_else(|| panic!("the source does not fail"))
+}
+
 fn fast() -> Camera {
     Camera { intervals: FPS_120, ..Camera::default() }
 }
@@ -63,11 +69,7 @@ fn a_damaged_frame_is_an_error_and_the_next_one_is_intact() {
     let damaged = Camera { marked: (1, 10), limit: Some(10), ..fast() };
     let Some(cameras) = Cameras::inside(std::slice::from_ref(&damaged)) else { return };
     let mut source = open();
-    let error = loop {
-        if let Err(error) = source.next() {
-            break error;
-        }
-    };
+    let error = failure(&mut source);
     assert!(matches!(error, CaptureError::Frame { fault: FrameFault::Marked, number: 8 }), "{error:?}");
     cameras.change(0, &Camera { limit: Some(11), ..damaged });
     assert_eq!(source.next().unwrap().unwrap().number, 9);
@@ -79,10 +81,6 @@ fn a_silent_camera_has_stalled() {
     let mut source = open();
     source.next().unwrap();
     cameras.change(0, &Camera { limit: Some(0), ..fast() });
-    let error = loop {
-        if let Err(error) = source.next() {
-            break error.to_string();
-        }
-    };
+    let error = failure(&mut source).to_string();
     assert!(error.contains("sent nothing for 200 ms"), "{error}");
 }

@@ -35,6 +35,8 @@ const STEP: Duration = Duration::from_millis(100);
 /// How many steps are judged together.
 const STEPS: u32 = 10;
 const SEED: u64 = 7;
+/// How much longer than asked for the test goes on for a state that has not come yet.
+const LONGEST_WAIT: Duration = Duration::from_mins(8);
 
 fn main() -> ExitCode {
     if std::env::var_os(SERVICE).is_some() {
@@ -59,6 +61,8 @@ fn soak(minutes: u32) {
     let mut judge = Judge::default();
     let end = Instant::now() + Duration::from_mins(1) * minutes;
     while Instant::now() < end || !judge.has_seen_all() {
+        let missing = judge.missing();
+        assert!(Instant::now() < end + LONGEST_WAIT, "never came: {missing:?}");
         let is_changed = faults.change_settings(&process);
         for _ in 0..STEPS {
             std::thread::sleep(STEP);

@@ -21,7 +21,7 @@ use std::{
 };
 
 use common::{
-    PATIENCE, memory_kb,
+    PATIENCE, eventually, memory_kb,
     service::{Answer, Console, elsewhere, send},
     skip,
 };
@@ -548,7 +548,7 @@ fn a_page_that_is_silent_and_a_console_that_is_killed_end_a_drive() {
     let drive = arm(&console);
     jog(&console, &drive);
     console.service.until(|seen| seen.ended.len() == 1);
-    while !console.get("status").json()["operator"].is_null() {}
+    eventually("that nobody operates", || console.get("status").json()["operator"].is_null());
     assert_eq!(jog(&console, &drive).status, 409);
     arm(&console);
     kill_process(Pid::from_raw(console.viewer.pid().try_into().unwrap()).unwrap(), Signal::KILL).unwrap();

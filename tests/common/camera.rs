@@ -309,11 +309,6 @@ impl Cameras {
         fs::read_to_string(self.folder.join(format!("calls/video{number}"))).unwrap_or_default()
     }
 
-    /// Waits until the program has made this call at least `count` times.
-    pub fn await_calls(&self, number: u32, call: &str, count: usize) {
-        eventually(call, || self.calls(number).lines().filter(|line| *line == call).count() >= count);
-    }
-
     /// Makes the command find these cameras, and none of the real machine.
     pub fn prepare<'a>(&self, command: &'a mut Command) -> &'a mut Command {
         command.env("LD_PRELOAD", hook("camera")).env(FOLDER, &self.folder)

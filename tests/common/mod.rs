@@ -4,6 +4,7 @@
 pub mod board;
 pub mod camera;
 pub mod coefficients;
+mod eventually;
 pub mod film;
 pub mod hooks;
 pub mod interface;
@@ -19,21 +20,9 @@ pub mod stuck;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
+pub use eventually::{PATIENCE, eventually};
 pub use skip::skip;
-
-/// Longer than anything in these tests takes on a busy machine.
-pub const PATIENCE: Duration = Duration::from_secs(60);
-
-pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !happens() {
-        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
-        sleep(Duration::from_millis(2));
-    }
-}
 
 pub fn project(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)

@@ -799,14 +799,7 @@ int open(const char *path, int flags, ...)
     return open_any(path, flags, mode);
 }
 
-int open64(const char *path, int flags, ...)
-{
-    va_list values;
-    va_start(values, flags);
-    mode_t mode = mode_of(flags, values);
-    va_end(values);
-    return open_any(path, flags, mode);
-}
+int open64(const char *path, int flags, ...) __attribute__((alias("open")));
 
 int close(int descriptor)
 {

@@ -74,7 +74,12 @@ impl Judge {
 
     /// Whether frames flowed for long enough, and every state has come.
     pub fn has_seen_all(&self) -> bool {
-        self.judged_s > 0 && WANTED.iter().all(|wanted| self.seen.contains(*wanted))
+        self.judged_s > 0 && self.missing().is_empty()
+    }
+
+    /// The states and reasons that have not come yet.
+    pub fn missing(&self) -> Vec<&str> {
+        WANTED.into_iter().filter(|wanted| !self.seen.contains(*wanted)).collect()
     }
 
     fn packet(&mut self, (at, packet): Arrival, longest_pause: Duration) {

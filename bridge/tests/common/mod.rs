@@ -1,6 +1,8 @@
 //! The bridge, simulated boards, and a broker.
 #![allow(dead_code, reason = "each file of tests uses a part")]
 
+#[path = "../../../tests/common/eventually.rs"]
+mod eventually;
 #[path = "../../../tests/common/ports.rs"]
 pub mod ports;
 #[path = "../../../tests/common/skip.rs"]
@@ -24,21 +26,12 @@ use std::{
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use serde_json::Value;
 
+#[allow(unused_imports, reason = "each file of tests uses a part")]
+pub use self::eventually::{PATIENCE, eventually};
 use self::ports::{HeldPort, udp_port_of};
 
 /// How to get what tests need.
 pub const SETUP: &str = "run scripts/setup tests";
-/// How long something may take on a busy machine.
-pub const PATIENCE: Duration = Duration::from_mins(1);
-
-pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !happens() {
-        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
-        thread::sleep(Duration::from_millis(2));
-    }
-}
-
 /// A program whose lines of output are kept, and which ends with its test.
 pub struct Program {
     pub child: Child,

@@ -4,6 +4,8 @@
 #[path = "../../../tests/common/board.rs"]
 pub mod board;
 pub mod browser;
+#[path = "../../../tests/common/eventually.rs"]
+mod eventually;
 pub mod service;
 #[path = "../../../tests/common/skip.rs"]
 mod skip;
@@ -14,23 +16,15 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
     sync::mpsc,
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
-use facewire_packet::{BLENDSHAPES, Packet, State};
 #[allow(unused_imports, reason = "each test uses some of them")]
-pub use skip::skip;
-
-/// How long a test waits for what must come.
-pub const PATIENCE: Duration = Duration::from_mins(1);
-
-pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !happens() {
-        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
-        thread::sleep(Duration::from_millis(2));
-    }
-}
+pub use self::{
+    eventually::{PATIENCE, eventually},
+    skip::skip,
+};
+use facewire_packet::{BLENDSHAPES, Packet, State};
 
 /// Returns a command that runs the program.
 pub fn command(arguments: &[&str]) -> Command {

@@ -135,15 +135,4 @@ show_clip() {
     python3 $work/judge.py clip $work/packets.csv $work/shown.csv $work/truth.csv || fail 'the face is not the face of the clip'
 }
 
-# refuses STATUS DEVICE FORMAT PATTERN: `facewire check` ends with this status and says one sentence, which matches
-refuses() {
-    configure "$2" "$3"
-    status=0
-    $work/facewire check --config $work/facewire.toml >$work/checked 2>$work/log || status=$?
-    [ $status = "$1" ] || fail "camera $2, format $3: exit status $status instead of $1"
-    [ "$(wc -l <$work/log)" = 1 ] || fail "camera $2, format $3: not one sentence"
-    grep -qE "$4" $work/log || fail "camera $2, format $3: the sentence does not match: $4"
-    cat $work/log
-}
-
 unpack

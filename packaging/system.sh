@@ -39,7 +39,8 @@ make_system() {
     [[ ! -e $system ]] || return 0
     say "making a Debian 12 for $debian (some minutes)"
     mkdir -p "$(dirname "$system")"
-    mmdebstrap --quiet --architectures="$debian" --variant=essential --aptopt='Acquire::Languages "none"' ${2:+"--include=$2"} \
+    # The mounts of mmdebstrap end with the mount namespace, even if it is killed.
+    unshare --mount mmdebstrap --quiet --architectures="$debian" --variant=essential --aptopt='Acquire::Languages "none"' ${2:+"--include=$2"} \
         bookworm "${system%.tar}.new.tar" \
         "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror/debian bookworm main" >"$work/log" 2>&1 || {
         tail -n 20 "$work/log" >&2

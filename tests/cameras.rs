@@ -70,9 +70,9 @@ fn a_damaged_frame_is_an_error_and_the_next_one_is_intact() {
     let Some(cameras) = Cameras::inside(std::slice::from_ref(&damaged)) else { return };
     let mut source = open();
     let error = failure(&mut source);
-    assert!(matches!(error, CaptureError::Frame { fault: FrameFault::Marked, number: 8 }), "{error:?}");
+    let CaptureError::Frame { fault: FrameFault::Marked, number } = error else { panic!("{error:?}") };
     cameras.change(0, &Camera { limit: Some(11), ..damaged });
-    assert_eq!(source.next().unwrap().unwrap().number, 9);
+    assert_eq!(source.next().unwrap().unwrap().number, number + 1);
 }
 
 #[test]

@@ -24,6 +24,9 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 TESTS = "unit"
 # How many steps run at the same time. Few of them keep two cores busy all the time.
 BESIDE = max(1, int(os.environ.get("FACEWIRE_STEPS", "3")))
+# The priority of the steps that follow no clock, as for nice(1). Those that follow one get nine parts of ten of a processor that
+# both want.
+PATIENT_NICENESS = 10
 # The exit status of a step that this machine cannot run. The last line of its output says why.
 SKIPPED = 77
 # Seconds between two lines that say which steps are running.
@@ -41,6 +44,7 @@ class Step:
     after: list = dataclasses.field(default_factory=list)
     lane: str = ""
     makes: bool = False
+    clocked: bool = False
 
 
 @dataclasses.dataclass
@@ -134,11 +138,14 @@ class Run:
             self.skip(step, f"it needs {', '.join(lost)}")
             return
         self.running[step.name] = (step, time.monotonic())
+        priority = [] if step.clocked else ["nice", "-n", str(PATIENT_NICENESS)]
         with self.log(step).open("w") as log:
             child = subprocess.Popen(
-                ["bash", "-euo", "pipefail", "-c", step.command],
+                [*priority, "bash", "-euo", "pipefail", "-c", step.command],
                 cwd=self.root, env=self.environment_of(step), stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
             )
+        if not step.clocked:
+            lower_priority_of_session(child.pid)
         self.children.append(child)
         threading.Thread(target=self.wait, args=(step, child), daemon=True).start()
 
@@ -212,6 +219,13 @@ class Run:
         """Returns what the step could not run."""
         path = self.skipped(step)
         return path.read_text(errors="replace").splitlines() if path.exists() else []
+
+
+def lower_priority_of_session(leader):
+    """Lowers the priority of a session. Some kernels share the processors between sessions first, and only then between the
+    processes of each (see "autogroup" in sched(7))."""
+    with contextlib.suppress(OSError):
+        pathlib.Path(f"/proc/{leader}/autogroup").write_text(str(PATIENT_NICENESS))
 
 
 # --- the command ---

@@ -142,6 +142,14 @@ class Checkout(unittest.TestCase):
         self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
 
 
+    def test_only_steps_whose_tests_follow_a_clock_keep_their_priority(self):
+        for step in self.steps:
+            step.command = f"test $(nice) = {min(19, os.nice(0) + (0 if step.clocked else steps.PATIENT_NICENESS))}"
+        self.run_all()
+        self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
+        self.assertEqual({step.name for step in self.steps if step.clocked}, {"unit", "python"})
+
+
 class Quick(unittest.TestCase):
     """scripts/test quick checks what a change can break, and not the workbench."""
 

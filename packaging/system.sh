@@ -40,7 +40,8 @@ make_system() {
     say "making a Debian 12 for $debian (some minutes)"
     mkdir -p "$(dirname "$system")"
     # The mounts of mmdebstrap end with the mount namespace, even if it is killed.
-    unshare --mount mmdebstrap --quiet --architectures="$debian" --variant=essential --aptopt='Acquire::Languages "none"' ${2:+"--include=$2"} \
+    unshare --mount mmdebstrap --quiet --architectures="$debian" --variant=essential \
+        --aptopt='Acquire::Languages "none"' ${2:+"--include=$2"} \
         bookworm "${system%.tar}.new.tar" \
         "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror/debian bookworm main" >"$work/log" 2>&1 || {
         tail -n 20 "$work/log" >&2

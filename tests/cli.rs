@@ -73,6 +73,8 @@ fn check_says_of_every_part_that_it_works() {
 
 #[test]
 fn check_says_what_makes_tracking_poor_and_what_to_do_and_succeeds() {
+    // A busy machine may lose frames of any scene.
+    let is_of_machine = |poor: &str| poor.contains("half its frame rate") || poor.contains("frames get lost");
     for (scene, sentences) in [
         ("live", &[][..]),
         ("no-face", &[]),
@@ -83,7 +85,9 @@ fn check_says_what_makes_tracking_poor_and_what_to_do_and_succeeds() {
     ] {
         let out =
             with_settings(&["check"], &format!("[camera]\ndevice = \"rehearsal: {scene} 3600\"\n")).succeeded().out;
-        let poor: Vec<&str> = out.lines().filter_map(|line| line.strip_prefix("camera    POOR: ")).collect();
+        let is_wanted = |poor: &str| sentences.iter().any(|sentence| poor.contains(sentence));
+        let poor = out.lines().filter_map(|line| line.strip_prefix("camera    POOR: "));
+        let poor: Vec<&str> = poor.filter(|poor| is_wanted(poor) || !is_of_machine(poor)).collect();
         assert_eq!(poor.len(), sentences.len(), "{scene}: {out}");
         assert!(poor.iter().zip(sentences).all(|(poor, sentence)| poor.contains(sentence)), "{scene}: {out}");
         assert_eq!(out.contains("; no face is in the picture now\n"), scene == "no-face", "{out}");

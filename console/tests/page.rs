@@ -249,7 +249,7 @@ fn a_page_with_the_token_of_an_earlier_start_says_so() {
     browser.open(&format!("http://127.0.0.1:{port}{path}"));
     browser.wait_until("document.getElementById('state').textContent === 'waiting for packets'");
     drop(viewer);
-    let _again = Viewer::with(&["--listen", &format!("0.0.0.0:{port}"), "--udp", "127.0.0.1:0"]);
+    let _again = Viewer::again(&["--listen", &format!("0.0.0.0:{port}"), "--udp", "127.0.0.1:0"]);
     browser.wait_until("document.getElementById('state').textContent.includes('lacks the token')");
 }
 
@@ -265,7 +265,7 @@ fn the_plot_begins_anew_when_the_program_starts_again() {
     drop(viewer);
     // A coefficient that is not in the plot tells that the packets are new: in silence the face fades to neutral as well.
     sending.show(packet(&[("noseSneerLeft", 0.5)]));
-    let _again = Viewer::with(&["--listen", &host, "--udp", &udp]);
+    let _again = Viewer::again(&["--listen", &host, "--udp", &udp]);
     wait_for(&mut browser, "noseSneerLeft", "0.50");
     browser.wait_for_picture();
     assert_eq!(browser.value(DRAWN), 0, "samples of the earlier start are still drawn");

@@ -127,8 +127,10 @@ class Run:
 
     def is_next(self, step):
         """Returns whether the step can begin, or be given up: all steps before it have ended, and there is room for it."""
-        has_room = len(self.running) < BESIDE and not any(step.lane and step.lane == other.lane for other, _ in self.running.values())
-        return has_room and all(name in self.outcomes for name in step.after)
+        others = [other for other, _ in self.running.values()]
+        is_free = not any(step.lane and step.lane == other.lane for other in others)
+        is_undisturbed = not any(step.clocked and other.clocked for other in others)
+        return len(others) < BESIDE and is_free and is_undisturbed and all(name in self.outcomes for name in step.after)
 
     def begin(self, step):
         """Starts a step, unless one before it has failed."""

@@ -275,6 +275,7 @@ fn stop(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::link::testing::eventually;
 
     #[test]
     fn a_thread_that_panics_is_named_in_the_services_last_words() {
@@ -288,6 +289,7 @@ mod tests {
         ] {
             let sender = std::thread::spawn(sender);
             let hot = std::thread::spawn(hot);
+            eventually("the end of the hot loop", || hot.is_finished());
             let error = stop(&Counters::default(), sender, hot).unwrap_err().to_string();
             assert!(error.starts_with(want), "{error}");
         }

@@ -53,20 +53,38 @@ impl Viewer {
         Self::spawn(&mut command(arguments))
     }
 
+    /// Starts the program on a port that another one had. It tries again while a test beside this one has been given the port.
+    pub fn again(arguments: &[&str]) -> Self {
+        let mut again = None;
+        eventually("the port", || {
+            again = Self::try_to_spawn(&mut command(arguments)).ok();
+            again.is_some()
+        });
+        again.unwrap()
+    }
+
     pub fn spawn(command: &mut Command) -> Self {
+        Self::try_to_spawn(command).unwrap_or_else(|urls| panic!("it ended: {urls:?}"))
+    }
+
+    /// If the program ends before it says where it expects packets, returns the addresses that it has printed.
+    fn try_to_spawn(command: &mut Command) -> Result<Self, Vec<String>> {
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut output = BufReader::new(child.stdout.take().unwrap());
         let mut urls = Vec::new();
         let place = loop {
             let mut line = String::new();
-            assert!(output.read_line(&mut line).unwrap() > 0, "it ended: {urls:?}");
+            if output.read_line(&mut line).unwrap() == 0 {
+                let _ = child.wait();
+                return Err(urls);
+            }
             let place = line.strip_prefix("Waiting for packets at ").or(line.strip_prefix("Operating the service of "));
             if let Some(place) = place {
                 break place.split_once(". Ctrl-C").unwrap().0.to_owned();
             }
             urls.push(line.strip_prefix("Open ").unwrap().strip_suffix(" in a browser.\n").unwrap().to_owned());
         };
-        Self { child, output, url: urls.remove(0), place }
+        Ok(Self { child, output, url: urls.remove(0), place })
     }
 
     pub fn pid(&self) -> u32 {

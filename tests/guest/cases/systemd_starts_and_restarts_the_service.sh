@@ -132,6 +132,9 @@ received=$(timeout $patience head -c 1000 /dev/ttyGS0 | wc -c)
 [ "$received" = 1000 ] || fail "only $received bytes came by the serial line"
 grep 'link opened' $work/log | tail -n 1
 
+# The emulated machine may be slower than any board.
+printf '[Service]\nTimeoutStopSec=2min\n' >/etc/systemd/system/facewire.service.d/patience.conf
+systemctl daemon-reload
 systemctl stop facewire
 [ "$(property ExecMainStatus)" = 0 ] || fail "stopped with $(property ExecMainStatus)"
 kill $decoder

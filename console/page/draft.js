@@ -20,6 +20,7 @@ export const draft = {
 let loading;
 let forgetting;
 const SAID_MS = 15_000;
+const RETRY_MS = 2000;
 // Edits follow each other, so that each begins with the text that the one before it gave.
 let last = Promise.resolve();
 
@@ -51,7 +52,11 @@ async function reload() {
     });
   } catch (error) {
     loading = undefined;
+    // Whoever logs in again loads the draft again.
+    if (error.status === 401) return;
+    // A console on a busy board may answer too late once.
     set({ trouble: error.message });
+    setTimeout(loadDraft, RETRY_MS);
   }
 }
 

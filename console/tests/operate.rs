@@ -618,6 +618,23 @@ fn a_fault_stands_beside_its_line_and_cannot_be_kept() {
 }
 
 #[test]
+fn settings_that_cannot_be_read_for_a_moment_come_back_by_themselves() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    browser.click("Text");
+    browser.fill(&element("textarea"), "# changed");
+    browser.wait_for_text("not kept yet");
+    let [file, away] = ["facewire.toml", "away"].map(|name| console.folder.path().join(name));
+    std::fs::rename(&file, &away).unwrap();
+    std::fs::create_dir(&file).unwrap();
+    browser.click("Discard");
+    browser.turn_to("servos");
+    browser.wait_until("!document.querySelector('.channel') && document.querySelector('.notice.bad')");
+    std::fs::remove_dir(&file).unwrap();
+    std::fs::rename(&away, &file).unwrap();
+    browser.wait_until("document.querySelector('.channel') && !document.querySelector('.notice.bad')");
+}
+
+#[test]
 fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     let Some((console, mut browser)) = open("links", PHONE) else { return };
     browser.click("camera");

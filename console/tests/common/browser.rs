@@ -354,7 +354,11 @@ impl Browser {
     fn place(&mut self, find: &str) -> [f64; 2] {
         let patience_ms = self.patience.as_millis().to_string();
         let place = self.value(&PLACE.replace("FIND", find).replace("PATIENCE_MS", &patience_ms));
-        serde_json::from_value(place.clone()).unwrap_or_else(|_| panic!("{find} {place}"))
+        if let Ok(middle) = serde_json::from_value(place.clone()) {
+            return middle;
+        }
+        self.screenshot("a control that cannot be reached");
+        panic!("{find} {place}: {}", self.value("document.body.innerText"))
     }
 
     /// Puts the mouse button or the thumb down, moves it while it is down, or lifts it.

@@ -132,7 +132,16 @@ fn moving_face(number: u16) -> Output {
         _ => (State::Neutral, Reason::NoFace),
     };
     let (age_us, capture_us) = (20_000, u64::from(number) * 16_667);
-    Output { state, reason, pose, age_us, capture_us, followed: state == State::Live, moving: state == State::Decay }
+    Output {
+        state,
+        reason,
+        pose,
+        age_us,
+        capture_us,
+        followed: state == State::Live,
+        moving: state == State::Decay,
+        is_puppet: false,
+    }
 }
 
 #[test]

@@ -44,7 +44,16 @@ fn output(rotation: [f32; 4], coefficients: &[(&str, f32)]) -> Output {
         pose.coefficients[BLENDSHAPES.iter().position(|known| known == name).unwrap()] = *value;
     }
     let (state, reason) = (State::Live, Reason::None);
-    Output { state, reason, pose, age_us: 20_000, capture_us: 5_000_000, followed: true, moving: false }
+    Output {
+        state,
+        reason,
+        pose,
+        age_us: 20_000,
+        capture_us: 5_000_000,
+        followed: true,
+        moving: false,
+        is_puppet: false,
+    }
 }
 
 /// Returns the datagrams of an output by a link with these settings, in which ADDRESS stands for the receiver's.

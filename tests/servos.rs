@@ -66,7 +66,8 @@ impl Open {
             pose.coefficients[BLENDSHAPES.iter().position(|blendshape| blendshape == name).unwrap()] = *value;
         }
         let (state, reason) = (State::Live, Reason::None);
-        let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: true, moving: false };
+        let output =
+            Output { state, reason, pose, age_us: 0, capture_us: 0, followed: true, moving: false, is_puppet: false };
         self.link.send_last(&self.settings.links[0], &output);
     }
 }

@@ -49,7 +49,8 @@ pub enum Request {
     /// changed, or names every fault in a line of its own.
     Reload {},
     /// Give servos no pulses, on all links, whatever else happens, until a client asks to give them some again. The answer
-    /// comes when the links have been told.
+    /// comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
+    /// not: it names them, and what to do. They obey as soon as they are reached.
     Release {
         /// Whether servos get no pulses.
         on: bool,
@@ -173,6 +174,9 @@ pub struct Status {
     pub settings_refused: Option<String>,
     /// Whether an operator keeps all servos without pulses.
     pub released: bool,
+    /// Since when, seconds since 1970.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub released_unix_s: Option<u64>,
     /// Whether an operator drives.
     pub driven: bool,
     /// Whether the settings allow [`Request::Picture`].
@@ -196,6 +200,13 @@ pub struct LinkStatus {
     pub dropped: u64,
     /// What went wrong last since the device was opened or the host was found.
     pub trouble: Option<String>,
+    /// Whether the board has acknowledged that an operator keeps its servos without pulses. `None` if the link moves no
+    /// servos.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub released: Option<bool>,
+    /// What happens to its servos while an operator has stopped them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stop: Option<String>,
     /// Those of a servo board.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub channels: Vec<ChannelStatus>,
@@ -212,6 +223,21 @@ pub struct ChannelStatus {
     pub position: Option<f32>,
     /// None without pulses. Of a bus servo, its place in steps, and none without torque.
     pub pulse_us: Option<f32>,
+    /// What people call the servo, if the settings name it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Where a bus servo says that it is, as a position: below 0 or above 1 beyond its ends. None if it does not answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<f32>,
+    /// Supply voltage of a bus servo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub volts: Option<f32>,
+    /// Temperature of a bus servo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub celsius: Option<f32>,
+    /// Load of a bus servo from 0 to 1, if its family tells it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub load: Option<f32>,
 }
 
 /// How far a calibration is.

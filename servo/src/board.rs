@@ -27,12 +27,29 @@ pub struct Operator {
 pub struct Dials {
     pub channels: Vec<Dial>,
     pub operator: Arc<Operator>,
+    /// Whether the board has taken the operator's release, as far as such a board can tell.
+    has_released: AtomicBool,
 }
 
 impl Dials {
     pub fn new(settings: &[ChannelSettings], operator: &Arc<Operator>) -> Self {
-        let dial = |channel: &Channel| Dial { number: channel.number, ..Dial::default() };
-        Self { channels: sorted(settings).iter().map(dial).collect(), operator: Arc::clone(operator) }
+        let dial = |channel: &Channel| {
+            let name = channel.settings.name.clone();
+            Dial { number: channel.number, name, ..Dial::default() }
+        };
+        let channels = sorted(settings).iter().map(dial).collect();
+        Self { channels, operator: Arc::clone(operator), has_released: AtomicBool::new(false) }
+    }
+
+    #[must_use]
+    pub fn has_released(&self) -> bool {
+        self.has_released.load(Relaxed)
+    }
+
+    /// Notes whether the board has taken the operator's release. What it does is known only while its device is open and takes
+    /// messages.
+    pub fn note_released(&self, has_released: bool) {
+        self.has_released.store(has_released, Relaxed);
     }
 
     /// Whether an operator keeps the board without pulses, or jogs one of its channels.
@@ -44,6 +61,14 @@ impl Dials {
 
     pub fn has(&self, channel: u16) -> bool {
         self.channels.iter().any(|dial| dial.number == channel)
+    }
+
+    /// Lets the channels begin where those of another board are, which this one replaces.
+    pub fn begin_at(&self, other: &Self) {
+        for dial in &self.channels {
+            let same = other.channels.iter().find(|same| same.number == dial.number);
+            dial.start.set(same.and_then(|same| same.place.get()));
+        }
     }
 
     /// Moves this channel alone to a position in place of the face, or none.
@@ -59,12 +84,18 @@ impl Dials {
 #[derive(Debug, Default)]
 pub struct Dial {
     pub number: u16,
+    /// What people call the servo. It may be empty.
+    pub name: String,
     pub target: Number,
     pub position: Number,
     pub place: Number,
+    /// The position where a bus servo was when it was read last.
+    pub measured: Number,
     /// What a bus servo tells of itself, in the order of [`HEALTH`](crate::bus::HEALTH).
     pub health: [Number; 4],
     jog: Number,
+    /// Where the channel begins, in place of its neutral position, as a place.
+    start: Number,
 }
 
 /// A number that threads share, or none.
@@ -91,6 +122,8 @@ impl Number {
 pub struct Board {
     pub channels: Vec<Channel>,
     pub moved_at: Option<Instant>,
+    /// Whether an operator keeps the channels without pulses, as of the last step.
+    pub(crate) is_off: bool,
     pub(crate) dials: Arc<Dials>,
 }
 
@@ -102,7 +135,7 @@ fn sorted(settings: &[ChannelSettings]) -> Vec<Channel> {
 
 impl Board {
     pub fn new(settings: &[ChannelSettings], dials: &Arc<Dials>) -> Self {
-        let board = Self { channels: sorted(settings), moved_at: None, dials: Arc::clone(dials) };
+        let board = Self { channels: sorted(settings), moved_at: None, is_off: false, dials: Arc::clone(dials) };
         board.show();
         board
     }
@@ -110,10 +143,15 @@ impl Board {
     /// Moves the channels with the face, or as the operator wants. While one channel is jogged, the others of its board
     /// go to rest.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
+        if self.moved_at.is_none() {
+            self.begin();
+        }
         let step_s = self.moved_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
-        let (values, Dials { channels: dials, operator }) =
-            (values(packet.rotation, &packet.coefficients), &*self.dials);
-        let (is_released, is_driven) = (operator.is_released.load(Relaxed), operator.is_driven.load(Relaxed));
+        let values = values(packet.rotation, &packet.coefficients);
+        let Dials { channels: dials, operator, .. } = &*self.dials;
+        let is_released = operator.is_released.load(Relaxed);
+        let is_driven = operator.is_driven.load(Relaxed);
+        self.is_off = is_released;
         let jog = |dial: &Dial| dial.jog.get().filter(|_| is_driven);
         let state = if dials.iter().any(|dial| jog(dial).is_some()) { State::Neutral } else { packet.state };
         for (index, channel) in self.channels.iter_mut().enumerate() {
@@ -122,6 +160,15 @@ impl Board {
         }
         self.show();
         &self.channels
+    }
+
+    fn begin(&mut self) {
+        for (dial, channel) in self.dials.channels.iter().zip(&mut self.channels) {
+            if let Some(place) = dial.start.get() {
+                channel.rest_at(place);
+                dial.start.set(None);
+            }
+        }
     }
 
     fn show(&self) {
@@ -137,6 +184,34 @@ impl Board {
 mod tests {
     use super::*;
     use crate::{AtLoss, channel::tests::valued};
+
+    #[test]
+    fn a_board_with_other_settings_goes_on_from_where_the_one_that_it_replaces_was() {
+        let operator = Arc::<Operator>::default();
+        let slow = |channel, pulse_at_1_us| {
+            let sources = valued(&[("jawOpen", 1.0)]);
+            ChannelSettings { channel, sources, speed_per_s: 1.0, pulse_at_1_us, ..ChannelSettings::default() }
+        };
+        let begun = Instant::now();
+        let mut open = Packet { state: State::Live, ..Packet::NEUTRAL };
+        open.coefficients[17] = 1.0;
+        let before = Arc::new(Dials::new(&[slow(1, 2000), slow(2, 2000)], &operator));
+        let mut board = Board::new(&[slow(1, 2000), slow(2, 2000)], &before);
+        for step in 0..=4 {
+            board.follow(&open, begun + step * std::time::Duration::from_millis(100));
+        }
+        assert_eq!(before.channels[0].place.get().map(f32::round), Some(1400.0));
+        let settings = [slow(1, 1800), slow(3, 2000)];
+        let after = Arc::new(Dials::new(&settings, &operator));
+        after.begin_at(&before);
+        let mut board = Board::new(&settings, &after);
+        let place = |board: &mut Board, ms| {
+            board.follow(&open, begun + std::time::Duration::from_millis(ms));
+            [0, 1].map(|channel| after.channels[channel].place.get().unwrap().round())
+        };
+        assert_eq!(place(&mut board, 400), [1400.0, 1000.0], "a new channel begins at its neutral position");
+        assert_eq!(place(&mut board, 500), [1480.0, 1100.0]);
+    }
 
     #[test]
     fn a_jog_leaves_other_servos_at_rest_and_a_released_board_goes_on_from_where_it_was_left_within_its_limits() {

@@ -81,6 +81,8 @@ struct Servo {
     next: usize,
     /// It has torque and gets goals.
     is_on: bool,
+    /// It was read without torque since it was last told to have none.
+    is_limp: bool,
     /// The position of the last message, and whether the servo has been read since its channel came to rest there.
     position: f32,
     is_read: bool,
@@ -103,6 +105,7 @@ impl Servo {
     /// Releases the servo, and asks again what it is.
     fn lose(&mut self, trouble: &str) {
         (self.is_on, self.next, self.is_halted, self.torque_order) = (false, 0, false, Some(false));
+        self.is_limp = false;
         self.trouble = Some(trouble.to_owned());
         self.registers.fill(0);
     }
@@ -178,6 +181,9 @@ impl Line {
         self.write_orders(now, out);
         self.ask(now, out);
         self.sent = Some((now, out.len() - begin));
+        // A servo that does not answer may have torque.
+        let is_limp = self.servos.iter().all(|servo| servo.is_limp && !servo.is_on && servo.torque_order.is_none());
+        self.board.dials.note_released(self.board.is_off && is_limp);
         true
     }
 
@@ -195,8 +201,10 @@ impl Line {
     /// What is wrong with servos, and what to do: a line for each.
     #[must_use]
     pub fn troubles(&self) -> String {
-        let told = |servo: &Servo| servo.trouble.as_ref().map(|trouble| format!("servo {}: {trouble}", servo.id));
-        self.servos.iter().filter_map(told).collect::<Vec<_>>().join("\n")
+        let told = |(servo, channel): (&Servo, &Channel)| {
+            servo.trouble.as_ref().map(|trouble| format!("servo {}: {trouble}", channel.settings.label()))
+        };
+        self.servos.iter().zip(&self.board.channels).filter_map(told).collect::<Vec<_>>().join("\n")
     }
 
     /// Appends what takes the torque from all servos.
@@ -243,6 +251,7 @@ impl Line {
             return;
         }
         (servo.next, servo.is_read) = (1, true);
+        servo.is_limp = !has_torque;
         let alarm = family.alarm(&servo.registers, error);
         // A doubtful servo whose Bus Watchdog has tripped was cut off together with the servo that fell silent.
         let was_cut_off = std::mem::take(&mut servo.is_doubtful) && watchdog == TRIPPED;
@@ -293,12 +302,15 @@ impl Line {
         }
     }
 
-    /// Shows the metrics what servos tell of themselves.
+    /// Shows the metrics and the control socket what servos tell of themselves.
     fn show_health(&self) {
-        for (dial, servo) in self.board.dials.channels.iter().zip(&self.servos) {
+        let servos = self.servos.iter().zip(&self.board.channels);
+        for (dial, (servo, channel)) in self.board.dials.channels.iter().zip(servos) {
             let [volts, celsius, load] = self.family.health(&servo.registers);
             let health = [volts, celsius, load, f32::from(u8::from(servo.trouble.is_some()))];
             dial.health.iter().zip(health).for_each(|(shown, number)| shown.set(Some(number)));
+            let place = Some(self.family.place(&servo.registers)).filter(|_| !volts.is_nan());
+            dial.measured.set(place.map(|place| channel.position_at(place)));
         }
     }
 
@@ -318,10 +330,12 @@ impl Line {
             }
             let place = match servo.torque_order.take() {
                 Some(true) => {
+                    servo.is_limp = false;
                     started.push(servo.id);
                     family.place(&servo.registers)
                 }
                 told => {
+                    servo.is_limp &= told.is_none();
                     stopped.extend(told.map(|_| servo.id));
                     place.unwrap_or_else(|| channel.place(channel.motion.position))
                 }
@@ -351,9 +365,11 @@ impl Line {
 }
 
 impl Drop for Line {
-    /// Takes the health of the servos out of the metrics, because nobody reads it any more.
+    /// Shows no longer what servos told of themselves, because nobody reads them any more.
     fn drop(&mut self) {
-        self.board.dials.channels.iter().flat_map(|dial| &dial.health).for_each(|shown| shown.set(None));
+        for dial in &self.board.dials.channels {
+            dial.health.iter().chain([&dial.measured]).for_each(|shown| shown.set(None));
+        }
     }
 }
 

@@ -31,6 +31,8 @@ pub enum AtLoss {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelSettings {
     pub channel: u32,
+    /// What people call the servo. It may be empty.
+    pub name: String,
     pub sources: Sources,
     pub offset: f32,
     pub pulse_at_0_us: u32,
@@ -47,12 +49,15 @@ pub struct ChannelSettings {
     pub loss: AtLoss,
     /// How DMX carries the pulse. Other boards ignore it.
     pub dmx: Encoding,
+    /// The value that DMX carries while an operator has stopped the servos, if the link has [`AtStop::Value`](crate::dmx::AtStop).
+    pub stop_value: u32,
 }
 
 impl Default for ChannelSettings {
     fn default() -> Self {
         Self {
             channel: 0,
+            name: String::new(),
             sources: [0.0; SOURCE_COUNT],
             offset: 0.0,
             pulse_at_0_us: 1000,
@@ -65,11 +70,19 @@ impl Default for ChannelSettings {
             dead_zone: 0.0,
             loss: AtLoss::Neutral,
             dmx: Encoding::Bits8,
+            stop_value: 0,
         }
     }
 }
 
 impl ChannelSettings {
+    /// The number of the channel, and its name if it has one, such as "3 (left brow)".
+    #[must_use]
+    pub fn label(&self) -> String {
+        let Self { channel, name, .. } = self;
+        if name.is_empty() { channel.to_string() } else { format!("{channel} ({name})") }
+    }
+
     pub fn used_sources(&self) -> impl Iterator<Item = (&'static str, f32)> {
         SOURCE_NAMES.into_iter().zip(self.sources).filter(|(_, gain)| *gain != 0.0)
     }
@@ -138,10 +151,15 @@ impl Channel {
         at_0 + (at_1 - at_0) * if position.is_nan() { 0.5 } else { position.clamp(0.0, 1.0) }
     }
 
+    /// The position at which a servo is at this place. It is below 0 or above 1 beyond the ends.
+    pub(crate) fn position_at(&self, place: f32) -> f32 {
+        let [at_0, at_1] = self.ends;
+        (place - at_0) / (at_1 - at_0)
+    }
+
     /// Notes that the servo stands at this place. It goes on from there, or from the nearer end.
     pub fn rest_at(&mut self, place: f32) {
-        let [at_0, at_1] = self.ends;
-        let position = (place - at_0) / (at_1 - at_0);
+        let position = self.position_at(place);
         if !position.is_nan() {
             self.motion = Motion::at(position.clamp(0.0, 1.0));
         }

@@ -135,19 +135,20 @@ impl Check<'_> {
     }
 
     fn sources(&mut self, channel: &ChannelSettings) {
-        let number = channel.channel;
+        let label = channel.label();
         if channel.used_sources().next().is_none() {
-            let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
+            let expected = format!("at least one source for channel {label}, such as {{ jawOpen = 1.0 }}");
             return self.need(false, "link.channel.sources", "{}", expected);
         }
         let [least, most] = channel.range();
         let sum = format!("its sum goes from {least} to {most}, so that it always stays at one end");
-        let expected = format!("another offset for channel {number}: {sum}");
+        let expected = format!("another offset for channel {label}: {sum}");
         self.need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, expected);
     }
 
     fn motion(&mut self, channel: &ChannelSettings) {
-        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+        let ChannelSettings { pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+        let label = channel.label();
         let Capabilities { name, is_dmx, is_bus, highest_end, least_limits: [least_speed, least_acceleration], .. } =
             *self.board;
         let (end, ends, why) = if is_bus {
@@ -159,16 +160,16 @@ impl Check<'_> {
         };
         let keys = if is_bus { POSITIONS } else { PULSES };
         for (key, at) in keys.into_iter().zip(ends) {
-            self.need(at <= highest_end, key, at, format!("at most {highest_end:.0} for channel {number}: {why}"));
+            self.need(at <= highest_end, key, at, format!("at most {highest_end:.0} for channel {label}: {why}"));
             let [least_us, most_us] = PULSES_US;
             let values =
                 format!("the lowest value is {least_us} µs and the highest {most_us}, unless dmx = \"microseconds\"");
             let is_value = !is_dmx || channel.dmx == Encoding::Microseconds;
-            let expected = format!("{least_us} to {most_us} for channel {number}: {values}");
+            let expected = format!("{least_us} to {most_us} for channel {label}: {values}");
             self.need(is_value || (least_us as f32..=most_us as f32).contains(&at), key, at, expected);
         }
         let (at_0, span) = (keys[0].trim_start_matches("link.channel."), (ends[0] - ends[1]).abs());
-        let expected = format!("another {end} than {at_0} for channel {number}: the servo would not move");
+        let expected = format!("another {end} than {at_0} for channel {label}: the servo would not move");
         self.need(span != 0.0, keys[1], ends[1], expected);
         let limits = [
             ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
@@ -177,7 +178,7 @@ impl Check<'_> {
         // A board that counts limits in units cannot keep one below a unit.
         for (key, limit, least) in limits.into_iter().filter(|_| span > 0.0) {
             let rounded_up = (least / span * 1000.0).ceil() / 1000.0;
-            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
+            let expected = format!("0 or at least {rounded_up:.3} for channel {label}: the {name} cannot keep less");
             self.need(limit <= 0.0 || limit * span >= least, key, limit, expected);
         }
     }
@@ -215,6 +216,13 @@ mod tests {
             (with(|it| it.speed_per_s = 0.025), ""),
             (with(|it| it.acceleration_per_s2 = 0.3), "link.channel.acceleration_per_s2 = 0.3: give 0 or at least"),
             (with(|it| it.acceleration_per_s2 = 0.313), ""),
+            (
+                with(|it| {
+                    it.name = "left brow".to_owned();
+                    it.offset = 1.0;
+                }),
+                "link.channel.offset = 1: give another offset for channel 3 (left brow): its sum goes",
+            ),
         ] {
             let told = told(&Capabilities::maestro(false), &[channel]);
             assert!(told.starts_with(want) && told.is_empty() == want.is_empty(), "{want}: {told}");

@@ -2,7 +2,8 @@
 //!
 //! A node that moves servos, such as FPP, turns the lowest value into its shortest pulse and the highest into its longest,
 //! which are 1000 and 2000 µs unless somebody changes them, or uses the value as the pulse itself. It reads 0 as "no data", so
-//! a channel is 0 exactly when it has no pulse.
+//! a channel that has no pulse without a face is 0. Other nodes take 0 for a place at the end of the range, so [`AtStop`] says
+//! what they get while an operator has stopped the servos.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,6 +29,20 @@ pub enum Encoding {
     /// The pulse in microseconds, at two addresses as well.
     Microseconds,
 }
+
+/// What a node gets while an operator has stopped the servos. It has no way to take the power from them for all nodes alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AtStop {
+    /// The last values, so that nothing moves, whatever the node takes 0 for.
+    Hold,
+    /// [`ChannelSettings::stop_value`] of each channel.
+    Value,
+    /// Nothing more: the stream ends, and the node does what its own settings say.
+    End,
+}
+
+/// How often the end of a stream is said, because datagrams get lost.
+const ENDS: u8 = 3;
 
 impl Encoding {
     /// How many addresses a channel takes.
@@ -72,21 +87,48 @@ impl ChannelSettings {
 pub struct Values {
     board: Board,
     universe: Universe,
+    at_stop: AtStop,
+    /// Whether the universe has values of a face, which can be held.
+    is_known: bool,
+    /// How often the end of the stream was said since the operator stopped the servos.
+    ends: u8,
 }
 
 impl Values {
     /// Without channels, the universe has the [whole face](ChannelSettings::whole_face) in the encoding `whole_face`.
     #[must_use]
-    pub fn new(channels: &[ChannelSettings], whole_face: Encoding, dials: &Arc<Dials>) -> Self {
+    pub fn new(channels: &[ChannelSettings], whole_face: Encoding, at_stop: AtStop, dials: &Arc<Dials>) -> Self {
         let face = if channels.is_empty() { ChannelSettings::whole_face(whole_face) } else { channels.to_vec() };
-        Self { board: Board::new(&face, dials), universe: [0; 512] }
+        Self { board: Board::new(&face, dials), universe: [0; 512], at_stop, is_known: false, ends: 0 }
     }
 
-    /// Moves the channels with the face, within their limits. Addresses that no channel has are 0.
-    pub fn follow(&mut self, packet: &Packet, now: Instant) -> &Universe {
-        for channel in self.board.follow(packet, now) {
-            let (settings, pulse_us) = (&channel.settings, channel.place_now());
-            let value = pulse_us.map_or(0, |pulse_us| settings.dmx.value(pulse_us)).to_be_bytes();
+    /// Moves the channels with the face, within their limits. Addresses that no channel has are 0. Returns the universe, and
+    /// whether its stream ends; or `None` if the node is to get nothing now.
+    pub fn follow(&mut self, packet: &Packet, now: Instant) -> Option<(&Universe, bool)> {
+        self.board.follow(packet, now);
+        let is_off = self.board.is_off;
+        self.ends = if is_off { self.ends } else { 0 };
+        match self.at_stop {
+            // A service that starts while the servos are stopped does not know where they stand.
+            AtStop::Hold | AtStop::End if is_off && !self.is_known => None,
+            AtStop::Hold if is_off => Some((&self.universe, false)),
+            AtStop::End if is_off && self.ends >= ENDS => None,
+            AtStop::End if is_off => {
+                self.ends += 1;
+                Some((&self.universe, true))
+            }
+            AtStop::Hold | AtStop::Value | AtStop::End => Some((self.write(), false)),
+        }
+    }
+
+    /// Writes the values of all channels into the universe.
+    fn write(&mut self) -> &Universe {
+        let is_off = self.board.is_off;
+        self.is_known |= !is_off;
+        for channel in &self.board.channels {
+            let settings = &channel.settings;
+            let of_pulse = || channel.place_now().map_or(0, |pulse_us| settings.dmx.value(pulse_us));
+            let value = if is_off { settings.stop_value as u16 } else { of_pulse() }.to_be_bytes();
             let bytes = if settings.dmx.width() == 1 { &value[1..] } else { &value };
             let first = settings.channel.saturating_sub(1) as usize;
             self.universe.iter_mut().skip(first).zip(bytes).for_each(|(to, from)| *to = *from);
@@ -113,10 +155,38 @@ mod tests {
         packet
     }
 
+    #[test]
+    fn a_stop_holds_the_last_values_or_ends_the_stream_or_sends_the_values_of_the_settings_and_nothing_moves_before() {
+        let channels = [ChannelSettings { stop_value: 7, ..channel(1, Encoding::Bits8) }];
+        for (at_stop, while_stopped, at_a_start) in [
+            (AtStop::Hold, [Some((255, false)); 4], None),
+            (AtStop::End, [Some((255, true)), Some((255, true)), Some((255, true)), None], None),
+            (AtStop::Value, [Some((7, false)); 4], Some((7, false))),
+        ] {
+            let operator = Arc::<Operator>::default();
+            operator.is_released.store(true, Relaxed);
+            let dials = Arc::new(Dials::new(&channels, &operator));
+            let mut values = Values::new(&channels, Encoding::Bits16, at_stop, &dials);
+            let mut now = Instant::now();
+            let mut shown = |jaw_open| {
+                now += Duration::from_millis(25);
+                let shown = values.follow(&face(State::Live, jaw_open), now);
+                shown.map(|(universe, ends)| (universe[0], ends))
+            };
+            assert_eq!(shown(1.0), at_a_start, "{at_stop:?}: nobody knows where the servos stand");
+            for _ in 0..2 {
+                operator.is_released.store(false, Relaxed);
+                assert_eq!(shown(1.0), Some((255, false)), "{at_stop:?}");
+                operator.is_released.store(true, Relaxed);
+                assert_eq!([0.0, 0.5, 0.2, 0.9].map(&mut shown), while_stopped, "{at_stop:?}");
+            }
+        }
+    }
+
     fn values(channels: &[ChannelSettings]) -> (Values, Arc<Operator>) {
         let operator = Arc::<Operator>::default();
         let dials = Arc::new(Dials::new(channels, &operator));
-        (Values::new(channels, Encoding::Bits16, &dials), operator)
+        (Values::new(channels, Encoding::Bits16, AtStop::Value, &dials), operator)
     }
 
     #[test]
@@ -136,7 +206,7 @@ mod tests {
             (f32::INFINITY, [255, 0xFF, 0xFF, 0x07, 0xD0], 65),
             (f32::NAN, [255, 0xFF, 0xFF, 0x07, 0xD0], 65),
         ] {
-            let universe = values.follow(&face(State::Live, jaw_open), Instant::now());
+            let (universe, _) = values.follow(&face(State::Live, jaw_open), Instant::now()).unwrap();
             assert_eq!([0, 1, 2, 510, 511].map(|place: usize| universe[place]), want, "{jaw_open}");
             assert_eq!((universe[299], universe.iter().filter(|value| **value > 0).count() <= 6), (of_narrow, true));
         }
@@ -151,7 +221,7 @@ mod tests {
         let mut now = Instant::now();
         let mut first_two = |state, reason| {
             now += Duration::from_millis(25);
-            let universe = values.follow(&Packet { reason, ..face(state, 1.0) }, now);
+            let (universe, _) = values.follow(&Packet { reason, ..face(state, 1.0) }, now).unwrap();
             [universe[0], universe[1]]
         };
         assert_eq!(first_two(State::Live, Reason::None), [255, 255]);
@@ -167,7 +237,7 @@ mod tests {
         let (mut values, _) = values(&[ChannelSettings { speed_per_s: 1.0, ..channel(7, Encoding::Bits8) }]);
         let begun = Instant::now();
         let shown: Vec<u8> = (0..5)
-            .map(|step| values.follow(&face(State::Live, 1.0), begun + step * Duration::from_millis(100))[6])
+            .map(|step| values.follow(&face(State::Live, 1.0), begun + step * Duration::from_millis(100)).unwrap().0[6])
             .collect();
         // Within the first step no time has passed.
         assert_eq!(shown, [1, 26, 52, 77, 103]);
@@ -181,7 +251,7 @@ mod tests {
             assert_eq!((face[0].channel, face[54].addresses().end), (1, last + 1));
         }
         let (mut values, _) = values(&[]);
-        let universe = values.follow(&face(State::Live, 1.0), Instant::now());
+        let (universe, _) = values.follow(&face(State::Live, 1.0), Instant::now()).unwrap();
         assert_eq!((&universe[34..36], &universe[104..112]), (&[255, 255][..], &[128, 0, 128, 0, 128, 0, 0, 0][..]));
         assert_eq!(universe[..2], [0, 1]);
     }

@@ -1,14 +1,20 @@
 //! Pololu's Maestro: servos by serial commands, by its user's guide (<https://www.pololu.com/docs/0J40>, section 5).
 //!
 //! Contract: each output becomes one message that sets the targets of all channels. The Maestro itself keeps the limits of
-//! speed and acceleration, which are to be sent whenever the port is opened, and again and again, because a Maestro that
-//! restarts after a drop of its supply voltage has forgotten them.
+//! speed and acceleration. A Maestro that restarts after a drop of its supply voltage has forgotten them, and does not say so:
+//! a [`Reminder`] therefore puts them before the targets of each message, as far as the line carries them.
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
+//! Nobody knows of a restart in the middle of a message, whose targets then count without limits until the next message.
 //! Its units of speed hold for its default period of 20 ms.
 
 use std::io::{self, Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, Instant};
 
-use crate::{Channel, ChannelSettings};
+use facewire_packet::Packet;
+
+use crate::{Board, Channel, ChannelSettings, Dials, Limits, Operator};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
@@ -23,6 +29,10 @@ const MOST_ACCELERATION: f32 = 255.0;
 pub const SPEED_UNIT_US_PER_S: f32 = 25.0;
 /// An acceleration of 1 in units of the Maestro: 0.25 µs per 10 ms per 80 ms.
 pub const ACCELERATION_UNIT_US_PER_S2: f32 = 312.5;
+
+/// Share of a serial line that limits and targets together may use. The question takes some of the rest.
+const LINE_SHARE: f64 = 0.9;
+const BITS_PER_BYTE: f64 = 10.0;
 
 pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \"USB Dual Port\" in the Maestro Control Center, \
     give its command port, whose stable path ends with -if00, and check that link.crc equals \"Enable CRC\"; set \
@@ -93,6 +103,21 @@ impl Protocol {
         }
     }
 
+    /// The message that ends the pulses of these channels.
+    #[must_use]
+    pub fn release(self, channels: &[ChannelSettings], multiple_targets: bool) -> Vec<u8> {
+        let operator = Arc::<Operator>::default();
+        operator.is_released.store(true, Relaxed);
+        let dials = Arc::new(Dials::new(channels, &operator));
+        let mut message = Vec::new();
+        self.write_targets(
+            Board::new(channels, &dials).follow(&Packet::NEUTRAL, Instant::now()),
+            multiple_targets,
+            &mut message,
+        );
+        message
+    }
+
     /// Appends the targets of channels in the order of their numbers. One command sets neighbours if `multiple_targets`,
     /// otherwise each channel has its own.
     pub fn write_targets(self, channels: &[Channel], multiple_targets: bool, out: &mut Vec<u8>) {
@@ -105,6 +130,62 @@ impl Protocol {
             } else {
                 self.write(out, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
             }
+        }
+    }
+}
+
+/// The limits that are sent before targets: those of as many channels as the line carries, in turn. A Maestro that restarts
+/// has no limits, which suits channels without any.
+///
+/// At 115,200 baud and 50 messages a second, the line carries 207 bytes for each message, within [`LINE_SHARE`]. A channel has
+/// 4 bytes for its target and 8 for its limits, so that up to 17 channels get their limits with every message, and 24 with
+/// every second. By the Pololu protocol with a CRC, these are 7 and 14 bytes: up to 9 channels get them with every message,
+/// and 24 within 9 messages.
+pub struct Reminder {
+    /// The commands for each channel that has limits.
+    limits: Vec<Vec<u8>>,
+    /// Whose limits come next.
+    next: usize,
+    bytes_per_s: f64,
+    /// How many bytes the line has had left for limits since the last ones, at most those of all limits.
+    room_bytes: f64,
+    is_doubtful: bool,
+}
+
+impl Reminder {
+    /// Begins with doubt.
+    #[must_use]
+    pub fn new(commands: Protocol, channels: &[ChannelSettings], baud: u32) -> Self {
+        let limits_of = |channel: Channel| {
+            let mut limits = Vec::new();
+            commands.write_limits(&channel, &mut limits);
+            limits
+        };
+        let limited = channels.iter().map(Channel::new).filter(|channel| channel.limits != Limits::NONE);
+        let bytes_per_s = LINE_SHARE * f64::from(baud) / BITS_PER_BYTE;
+        Self { limits: limited.map(limits_of).collect(), next: 0, bytes_per_s, room_bytes: 0.0, is_doubtful: true }
+    }
+
+    /// Puts all limits before the next message, whatever the line carries, because the Maestro may have none of them.
+    pub fn doubt(&mut self) {
+        self.is_doubtful = true;
+    }
+
+    /// Appends the limits that are to be sent before a message of this length, so long after the last one.
+    pub fn write(&mut self, message_bytes: usize, since_last: Duration, out: &mut Vec<u8>) {
+        let all_bytes = self.limits.iter().map(Vec::len).sum::<usize>() as f64;
+        let carried_bytes = self.bytes_per_s * since_last.as_secs_f64();
+        let room_bytes = self.room_bytes + carried_bytes - message_bytes as f64;
+        self.room_bytes = room_bytes.clamp(-all_bytes, all_bytes);
+        if std::mem::take(&mut self.is_doubtful) {
+            self.room_bytes = all_bytes;
+        }
+        for _ in 0..self.limits.len() {
+            let next = self.limits.get(self.next).filter(|limits| limits.len() as f64 <= self.room_bytes);
+            let Some(limits) = next else { return };
+            out.extend(limits);
+            self.room_bytes -= limits.len() as f64;
+            self.next = (self.next + 1) % self.limits.len();
         }
     }
 }
@@ -197,6 +278,89 @@ mod tests {
         assert_eq!(crc(&[0x83, 0x01]), 0x17);
         let with_crc = Protocol { crc: true, ..compact };
         assert_eq!(command(with_crc, Code::GetErrors, &[]), [0xA1, crc(&[0xA1])]);
+    }
+
+    /// Channels with limits, and one without.
+    fn channels(count: u32) -> Vec<ChannelSettings> {
+        let limited = |channel| ChannelSettings { channel, speed_per_s: 1.0, ..ChannelSettings::default() };
+        let without = ChannelSettings { channel: count, ..ChannelSettings::default() };
+        (0..count).map(limited).chain([without]).collect()
+    }
+
+    /// The channels whose limits these bytes hold.
+    fn limited(protocol: Protocol, channels: &[ChannelSettings], mut bytes: &[u8]) -> Vec<usize> {
+        let limits_of = |channel: &ChannelSettings| {
+            let mut limits = Vec::new();
+            protocol.write_limits(&Channel::new(channel), &mut limits);
+            limits
+        };
+        let limits: Vec<_> = channels.iter().map(limits_of).collect();
+        let mut limited = Vec::new();
+        while !bytes.is_empty() {
+            limited.push(limits.iter().position(|limits| bytes.starts_with(limits)).unwrap());
+            bytes = &bytes[limits[limited[limited.len() - 1]].len()..];
+        }
+        limited
+    }
+
+    #[test]
+    fn a_maestro_that_restarts_unnoticed_has_its_limits_again_before_the_next_targets_or_as_soon_as_the_line_carries_them()
+     {
+        let compact = Protocol { device_number: None, crc: false };
+        let longest = Protocol { device_number: Some(12), crc: true };
+        for (protocol, count, baud, period_ms, most_messages) in [
+            (compact, 6, 115_200, 20, 1),
+            (compact, 17, 115_200, 20, 1),
+            (compact, 24, 115_200, 20, 2),
+            (longest, 9, 115_200, 20, 1),
+            (longest, 24, 115_200, 20, 9),
+            (compact, 24, 115_200, 100, 1),
+            (longest, 24, 200_000, 20, 2),
+            (compact, 2, 9600, 20, 2),
+            // By USB, the line has no rate.
+            (longest, 24, u32::MAX, 4, 1),
+        ] {
+            let channels = channels(count);
+            let message_bytes = count as usize * command(protocol, Code::SetTarget, &[0; 3]).len();
+            let mut reminder = Reminder::new(protocol, &channels, baud);
+            let mut next = || {
+                let mut out = Vec::new();
+                reminder.write(message_bytes, Duration::from_millis(period_ms), &mut out);
+                (limited(protocol, &channels, &out), out.len() + message_bytes)
+            };
+            let first = next().0;
+            assert_eq!(first, (0..count as usize).collect::<Vec<_>>(), "all, before the first targets of an open port");
+            let (mut written_bytes, mut without) = (0, vec![0; count as usize]);
+            for _ in 0..1000 {
+                let (limited, bytes) = next();
+                without.iter_mut().for_each(|messages| *messages += 1);
+                limited.into_iter().for_each(|channel| without[channel] = 0);
+                let longest = without.iter().max().unwrap();
+                assert!(*longest < most_messages, "{count} channels at {baud} baud: {longest} messages without limits");
+                written_bytes += bytes;
+            }
+            let carried_bytes = f64::from(baud) / 10.0 * period_ms as f64;
+            assert!(written_bytes as f64 <= 0.91 * carried_bytes, "{count} channels at {baud} baud: {written_bytes}");
+        }
+    }
+
+    #[test]
+    fn all_limits_come_before_the_first_targets_after_a_doubt_or_a_pause_even_if_a_steady_line_has_no_room() {
+        let protocol = Protocol { device_number: Some(12), crc: true };
+        let channels = channels(24);
+        let mut reminder = Reminder::new(protocol, &channels, 19_200);
+        let next = |reminder: &mut Reminder, since_ms| {
+            let mut out = Vec::new();
+            reminder.write(168, Duration::from_millis(since_ms), &mut out);
+            limited(protocol, &channels, &out).len()
+        };
+        assert_eq!([20; 5].map(|since_ms| next(&mut reminder, since_ms)), [24, 0, 0, 0, 0]);
+        reminder.doubt();
+        assert_eq!([20; 2].map(|since_ms| next(&mut reminder, since_ms)), [24, 0]);
+        assert_eq!([1000, 20].map(|since_ms| next(&mut reminder, since_ms)), [24, 0]);
+        let mut out = Vec::new();
+        Reminder::new(protocol, &[ChannelSettings::default()], 9600).write(7, Duration::from_secs(1), &mut out);
+        assert!(out.is_empty(), "a channel without limits needs none");
     }
 
     #[test]

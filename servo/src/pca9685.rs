@@ -183,7 +183,9 @@ impl Servos {
         let pulse_us =
             |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(Channel::place_now);
         let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
-        chip.write_channels(first, &registers)
+        chip.write_channels(first, &registers)?;
+        self.board.dials.note_released(self.board.is_off);
+        Ok(())
     }
 }
 

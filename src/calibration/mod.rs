@@ -16,5 +16,6 @@ pub use observation::Observation;
 #[cfg(test)]
 pub(crate) use profile_file::tests::file as test_profile;
 pub use profile_file::{MAX_PROFILE_BYTES, ProfileFile, model_hash};
+pub(crate) use store::replace_file;
 pub use store::{Store, StoreError, WearerName};
 pub use take::Seen;

@@ -120,12 +120,7 @@ impl Store {
         let create = DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         create.map_err(|error| unwritable(&self.folder, &error))?;
         let path = self.path(name);
-        let new = self.folder.join(format!(".{name}.new"));
-        if let Err(error) = write(&new, file.text().as_bytes()).and_then(|()| fs::rename(&new, &path)) {
-            // What is left of it is of no use; the next attempt writes it anew.
-            let _ = fs::remove_file(&new);
-            return Err(unwritable(&path, &error));
-        }
+        replace_file(&path, file.text().as_bytes()).map_err(|error| unwritable(&path, &error))?;
         let warning = |error| {
             let folder = self.folder.display();
             format!("the new profile is in use, but the disk did not confirm it ({folder}: {error}): check the disk")
@@ -146,7 +141,7 @@ impl Store {
     pub fn delete(&self, name: &WearerName) -> Result<(), StoreError> {
         let path = self.path(name);
         // A power cut may have left this.
-        let _ = fs::remove_file(self.folder.join(format!(".{name}.new")));
+        let _ = fs::remove_file(new_file(&path));
         fs::remove_file(&path).map_err(|error| match error.kind() {
             ErrorKind::NotFound => unreadable(&path, &error),
             _ => unwritable(&path, &error),
@@ -179,6 +174,20 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
     file.take(MAX_PROFILE_BYTES as u64 + 1).read_to_end(&mut bytes)?;
     Ok(bytes)
+}
+
+/// Writes a file whole, in place of the former one, or leaves that as it is.
+pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let new = new_file(path);
+    let written = write(&new, bytes).and_then(|()| fs::rename(&new, path));
+    // What is left of it is of no use; the next attempt writes it anew.
+    written.inspect_err(|_| drop(fs::remove_file(&new)))
+}
+
+/// The hidden file that is written before it takes the place of this one.
+fn new_file(path: &Path) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{stem}.new"))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {

@@ -7,6 +7,7 @@ mod failure;
 pub mod log;
 
 use std::ffi::OsString;
+use std::fs;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{self, ExitCode};
@@ -16,9 +17,9 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, LinkSettings, Settings};
-use crate::link::{Link, check_settings};
-use crate::service;
+use crate::config::{self, Faults, LinkSettings, Settings, WearerSettings};
+use crate::link::{check_settings, release_servos};
+use crate::service::{self, Kept};
 use facewire_board::{self as board, Machine};
 use facewire_packet::control::sockets;
 
@@ -128,6 +129,18 @@ impl SettingsArgs {
         let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &sockets(), faults);
         config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }
+
+    /// The links in the last settings of this file with which a service has run. What they say about the folder where these are
+    /// kept is used even if they have faults.
+    fn last_good_links(&self) -> Vec<LinkSettings> {
+        let Some(path) = &self.config else { return Vec::new() };
+        let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
+        let folder = table.as_ref().and_then(|table| table.get("wearer")?.get("folder")?.as_str());
+        let wearer = WearerSettings { folder: folder.unwrap_or_default().to_owned(), ..WearerSettings::default() };
+        let kept = Kept::new(&wearer, path.to_str()).settings();
+        let settings = kept.and_then(|text| config::parse("the last settings that were good", &text).ok());
+        settings.map_or_else(Vec::new, |settings| settings.links)
+    }
 }
 
 /// Runs the command that these arguments name, after the name of the program. Prints its failure on standard error, and
@@ -162,7 +175,7 @@ impl Command {
             }
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check { settings, settings_only } => check::run(&settings, settings_only),
-            Self::Rest(arguments) => rest(&arguments.load()?.links),
+            Self::Rest(arguments) => rest(&arguments),
             Self::Devices { scan: Some(device), .. } => devices::scan(&device),
             Self::Devices { json, .. } => devices::run(json),
             Self::Defaults { schema: true, .. } => print(&format!("{}\n", config::schema())),
@@ -174,20 +187,28 @@ impl Command {
     }
 }
 
-/// Releases the servos of all links before it prints anything, and fails if those of a link cannot be reached.
-fn rest(links: &[LinkSettings]) -> Result<(), Failure> {
+/// Releases the servos of all links before it prints anything, and fails if a board does not acknowledge that. If the settings
+/// have faults, the last ones of this file with which a service has run say where the servos are.
+fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
+    let loaded = arguments.load();
+    let links = match &loaded {
+        Ok(settings) => settings.links.clone(),
+        Err(_) => arguments.last_good_links(),
+    };
     let mut released = String::new();
-    let mut errors = Vec::new();
-    for link in links {
-        match Link::rest(link) {
-            Some(Ok(())) => released += &format!("{link}: released\n"),
-            Some(Err(error)) => errors.push(error.to_string()),
-            // It moves no servo.
-            None => {}
+    let mut troubles = Vec::new();
+    for (link, outcome) in release_servos(&links) {
+        match outcome {
+            Ok(()) => released += &format!("{link}: released\n"),
+            Err(trouble) => troubles.push(trouble),
         }
     }
     let printed = print(&released);
-    if errors.is_empty() { printed } else { Err(Failure::unavailable(errors.join("\n"))) }
+    if let Err(faults) = loaded {
+        troubles.iter().for_each(say);
+        return Err(faults.into());
+    }
+    if troubles.is_empty() { printed } else { Err(Failure::unavailable(troubles.join("\n"))) }
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

@@ -10,13 +10,13 @@ use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
 use facewire_servo::bus::{FAMILIES, Family, Unit};
 use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
-use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources, dmx::Encoding};
+use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources, dmx::AtStop, dmx::Encoding};
 
 use super::overlay::{Entry, Field, Overlay, Reader, Section, field, section};
 use super::takes::Takes;
 use super::value::{
-    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, OSC_PREFIX, SerialDevice, Table, UP_TO_64_CHARACTERS, address,
-    choice, choices, flag, json_target, local_address, number, optional_address, parameters, serial_device,
+    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, NAME, OSC_PREFIX, SerialDevice, Table, UP_TO_64_CHARACTERS,
+    address, choice, choices, flag, json_target, local_address, number, optional_address, parameters, serial_device,
     socket_address, text, whole,
 };
 
@@ -143,6 +143,7 @@ link_kinds! {
         priority: u32 = 100, whole(0..=200, "");
         source: String = "facewire".to_owned(), text(UP_TO_64_CHARACTERS);
         whole_face: Encoding = Encoding::Bits8, choice();
+        stop: AtStop = AtStop::Hold, choice();
         channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
@@ -151,6 +152,7 @@ link_kinds! {
         universe: u32 = 0, whole(0..=32_767, "");
         from: Option<SocketAddr> = None, local_address();
         whole_face: Encoding = Encoding::Bits8, choice();
+        stop: AtStop = AtStop::Hold, choice();
         channels "channel": Vec<ChannelSettings> = Vec::new(), Channels;
     }
 
@@ -189,6 +191,7 @@ choices! { Unit: Steps = "steps", Degrees = "degrees" }
 impl Choice for &'static Family {
     const ALL: &'static [(&'static str, Self)] = FAMILIES;
 }
+choices! { AtStop: Hold = "hold", Value = "value", End = "end" }
 choices! { Encoding: Bits8 = "8-bit", Bits16 = "16-bit", Microseconds = "microseconds" }
 
 struct Channels;
@@ -211,6 +214,7 @@ impl Section for ChannelSettings {
     fn fields(&mut self) -> Vec<Field<'_>> {
         vec![
             field("channel", &mut self.channel, whole(0..=512, "")),
+            field("name", &mut self.name, text(NAME)),
             field("sources", &mut self.sources, Table),
             field("offset", &mut self.offset, number(-10.0..=10.0, "")),
             field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, "microseconds")),
@@ -223,6 +227,7 @@ impl Section for ChannelSettings {
             field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
             field("loss", &mut self.loss, choice()),
             field("dmx", &mut self.dmx, choice()),
+            field("stop_value", &mut self.stop_value, whole(0..=65_535, "")),
         ]
     }
 }
@@ -270,6 +275,50 @@ impl LinkKind {
             Self::Serial(SerialSettings { device, baud }) => Some((device, *baud, Attached::Microcontroller)),
             Self::Maestro(MaestroSettings { device, baud, .. }) => Some((device, *baud, Attached::Maestro)),
             Self::BusServo(BusServoSettings { device, baud, .. }) => Some((device, *baud, Attached::BusServos)),
+            _ => None,
+        }
+    }
+
+    /// Whether the servo board at this link can acknowledge anything.
+    pub fn acknowledges(&self) -> bool {
+        match self {
+            Self::Maestro(MaestroSettings { read_errors, .. }) => *read_errors,
+            Self::BusServo(_) | Self::Pca9685(_) => true,
+            _ => false,
+        }
+    }
+
+    /// What happens to the servos at this link while an operator has stopped them. `None` if it moves none.
+    pub fn at_stop(&self) -> Option<&'static str> {
+        match self {
+            Self::Maestro(_) | Self::Pca9685(_) => Some("no pulses"),
+            Self::BusServo(_) => Some("no torque"),
+            Self::Sacn(SacnSettings { stop, .. }) | Self::ArtNet(ArtNetSettings { stop, .. }) => Some(match stop {
+                AtStop::Hold => "they hold their last values, with power",
+                AtStop::Value => "they get their stop values",
+                AtStop::End => "the stream has ended, and the node does what its settings say",
+            }),
+            _ => None,
+        }
+    }
+
+    /// Whether a link of this kind moves the servos of the same board, whatever moves each of its channels.
+    pub fn has_same_board(&self, other: &Self) -> bool {
+        let without_channels = |kind: &Self| {
+            let mut kind = kind.clone();
+            kind.channels_mut().map(Vec::clear)?;
+            Some(kind)
+        };
+        without_channels(self).is_some_and(|kind| Some(kind) == without_channels(other))
+    }
+
+    fn channels_mut(&mut self) -> Option<&mut Vec<ChannelSettings>> {
+        match self {
+            Self::Maestro(MaestroSettings { channels, .. })
+            | Self::BusServo(BusServoSettings { channels, .. })
+            | Self::Pca9685(Pca9685Settings { channels, .. })
+            | Self::Sacn(SacnSettings { channels, .. })
+            | Self::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),
             _ => None,
         }
     }

@@ -7,7 +7,7 @@ use super::{
     link::{LinkSettings, Links},
     overlay::{Entry, Field, Overlay, Reader, Section, field, section},
     takes::Takes,
-    value::{ANY_TEXT, Listen, Table, choice, choices, flag, listen, number, text, whole},
+    value::{ANY_TEXT, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, text, whole},
 };
 use facewire_board::HardwareSettings;
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
@@ -93,7 +93,10 @@ section! {
 
     AdaptationSettings { enabled: bool = true, flag(); }
     MetricsSettings { listen: Listen = Listen::Off, listen(); }
-    ConsoleSettings { picture: bool = false, flag(); }
+    ConsoleSettings {
+        picture: bool = false, flag();
+        names: String = String::new(), text(HOST_NAMES);
+    }
     LogSettings { level: LevelFilter = LevelFilter::INFO, choice(); }
 }
 

@@ -201,6 +201,8 @@ fn wrong_values_and_settings_that_do_not_fit_together_are_refused() {
 #[test]
 fn texts_are_taken_or_refused_with_what_to_give() {
     let not_of_this_machine = "0.0.0.0:9464|localhost:9464|127.0.0.1:0|unix:m";
+    let longest = "é".repeat(64);
+    let too_long = "x".repeat(65);
     let cases = [
         ("address", "head.local:1|[::1]:65535", "|:1|host|host:|host:0|host:65536|::1:5252", "\"host:port\""),
         ("kind = \"serial\"\ndevice", "/dev/ttyUSB0", "ttyUSB0", "\"auto\", or a path in quotes"),
@@ -211,6 +213,13 @@ fn texts_are_taken_or_refused_with_what_to_give() {
         ("kind = \"ifacialmocap\"\naddress", "|pc.local:1", "pc.local", "\"\", or \"host:port\""),
         ("kind = \"vrchat\"\nprefix", "|FT/", "FT|/FT/|F T/|FT*/", "\"\", or up to 64"),
         ("kind = \"vrchat\"\nparameters", "JawOpen:8, MouthX", "JawOpen:9", "\"\", or names of parameters"),
+        ("kind = \"maestro\"\n[[link.channel]]\nname", &longest, &too_long, "\"\", or a name of up to 64 characters"),
+        (
+            "kind = \"sacn\"\n[[link.channel]]\nname",
+            "|left brow",
+            "tab\\there",
+            "\"\", or a name of up to 64 characters",
+        ),
         ("[metrics]\nlisten", "|[::1]:9464|unix:/run/m", not_of_this_machine, "\"\", a loop"),
     ];
     for (key, good, bad, expected) in cases {

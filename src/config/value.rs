@@ -126,8 +126,17 @@ type Texts = (&'static str, fn(&str) -> bool);
 pub const ANY_TEXT: Texts = ("a text in quotes", |_| true);
 pub const UP_TO_64_CHARACTERS: Texts =
     ("1 to 64 printable ASCII characters in quotes", |text| (1..=64).contains(&text.len()) && is_printable(text));
+/// A control character would forge lines of the log.
+pub const NAME: Texts = ("\"\", or a name of up to 64 characters in quotes", |text| {
+    text.chars().count() <= 64 && !text.contains(|character: char| character.is_control())
+});
 pub const EXACTLY_36_CHARACTERS: Texts =
     ("36 printable ASCII characters in quotes", |text| text.len() == 36 && is_printable(text));
+pub const HOST_NAMES: Texts =
+    ("\"\", or names with spaces between them, such as \"head.lan head.fritz.box\"", |text| {
+        let is_part = |byte: u8| byte.is_ascii_alphanumeric() || b"-.".contains(&byte);
+        text.len() <= 1000 && text.split_whitespace().all(|name| name.bytes().all(is_part))
+    });
 /// The part of an OSC address between `/avatar/parameters/` and `v2/`. OSC gives a meaning to the other characters.
 pub const OSC_PREFIX: Texts =
     ("\"\", or up to 64 letters, digits and _ - . / that end with a slash, such as \"FT/\"", |text| {

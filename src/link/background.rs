@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
-use super::{LinkError, LinkErrorKind, Panel};
+use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
 use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
@@ -47,12 +47,17 @@ pub(super) trait Device: Send + 'static {
     fn has_receiver(&self) -> bool {
         true
     }
+
+    /// Prepares to close a device that another link opens at once: what it moves is left as it is.
+    fn hand_over(&mut self, _open: &mut Self::Open) {}
 }
 
 #[derive(Debug, Default)]
 struct Shared {
     /// Whether the thread is to end.
     stop: AtomicBool,
+    /// Whether another link opens the device at once.
+    hands_over: AtomicBool,
     open: AtomicBool,
     has_receiver: AtomicBool,
     panel: Arc<Panel>,
@@ -87,7 +92,16 @@ impl Background {
         let (newest, output) = triple_buffer(&Message::new());
         let shared = Arc::new(Shared { panel, has_receiver: device.has_receiver().into(), ..Shared::default() });
         let theirs = Arc::clone(&shared);
-        let thread = Builder::new().name(name.to_owned()).spawn(move || run(device, output, &theirs, handover));
+        let what = link.to_string();
+        let mut device = device;
+        let mut output = output;
+        let thread = Builder::new().name(name.to_owned()).stack_size(LINK_STACK_BYTES).spawn(move || {
+            // A panic leaves the loop with the device closed.
+            while panics(&what, &theirs.panel, || run(&mut device, &mut output, &theirs, handover)) {
+                theirs.open.store(false, Relaxed);
+                sleep_unless_stopped(&theirs, PANIC_PAUSE);
+            }
+        });
         let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
         Ok(Self { newest, shared, thread })
     }
@@ -120,6 +134,12 @@ impl Background {
         self.thread.thread().unpark();
     }
 
+    /// As [`Background::stop`], for a device that another link opens at once.
+    pub(super) fn hand_over(&self) {
+        self.shared.hands_over.store(true, Relaxed);
+        self.stop();
+    }
+
     pub(super) fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
@@ -132,12 +152,13 @@ impl Drop for Background {
 }
 
 /// Writes messages until it is told to stop, and logs what happens to the device: on this thread, that delays no sender.
-fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared, handover: Duration) {
+fn run(device: &mut impl Device, newest: &mut Newest<Message>, shared: &Shared, handover: Duration) {
     let handover_end = Instant::now() + handover;
     let mut retry = Retry::default();
     while !shared.stop.load(Acquire) {
-        let ended = session(&mut device, &mut newest, shared, &mut retry);
+        let ended = session(device, newest, shared, &mut retry);
         shared.open.store(false, Relaxed);
+        shared.panel.dials.note_released(false);
         let mut is_handover = false;
         if let Err(error) = ended {
             shared.panel.note(Some(&error.message));
@@ -153,14 +174,18 @@ fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared, ha
             }
         }
         let wait = if is_handover { RETRY_PERIOD } else { retry.back_off.wait() };
-        let end = Instant::now() + wait;
-        while !shared.stop.load(Acquire) && Instant::now() < end {
-            thread::park_timeout(end.saturating_duration_since(Instant::now()));
-        }
+        sleep_unless_stopped(shared, wait);
     }
     // A message that came while there was no device is dropped.
     if newest.update() {
         shared.panel.count(false);
+    }
+}
+
+fn sleep_unless_stopped(shared: &Shared, time: Duration) {
+    let end = Instant::now() + time;
+    while !shared.stop.load(Acquire) && Instant::now() < end {
+        thread::park_timeout(end.saturating_duration_since(Instant::now()));
     }
 }
 
@@ -195,6 +220,9 @@ fn session(
             while is_refused && Instant::now() < end {
                 thread::sleep(RETRY_PERIOD);
                 is_refused = !device.write(&mut open, newest.peek_output_buffer())?;
+            }
+            if shared.hands_over.load(Relaxed) {
+                device.hand_over(&mut open);
             }
             return Ok(());
         } else {
@@ -271,6 +299,45 @@ mod tests {
         (0..2).for_each(|_| takes.send(true).unwrap());
         assert_eq!(given.iter().collect::<Vec<_>>(), [[100]]);
         assert_eq!(counts(&panel), [2, 99]);
+    }
+
+    /// A device whose driver panics at every other message.
+    struct Panicking {
+        messages: u32,
+        given: mpsc::Sender<Vec<u8>>,
+    }
+
+    impl Device for Panicking {
+        type Open = ();
+
+        fn open(&mut self) -> Result<(), LinkError> {
+            Ok(())
+        }
+
+        fn write(&mut self, (): &mut (), message: &[u8]) -> Result<bool, LinkError> {
+            self.messages += 1;
+            assert!(self.messages.is_multiple_of(2), "tried");
+            let _ = self.given.send(message.to_vec());
+            Ok(true)
+        }
+    }
+
+    #[test]
+    fn a_link_whose_thread_panics_is_shown_as_closed_with_its_trouble_and_then_comes_back() {
+        let (given, written) = mpsc::channel();
+        let panel = Arc::<Panel>::default();
+        let device = Panicking { messages: 0, given };
+        let mut carrier = Background::start("test", "fw-test", device, Arc::clone(&panel)).unwrap();
+        eventually("the device is open", || carrier.is_open());
+        panel.dials.note_released(true);
+        carrier.send(&[1]);
+        eventually("the link is closed", || !carrier.is_open());
+        assert!(panel.trouble().is_some_and(|trouble| trouble.contains("fault of facewire")));
+        assert!(!panel.dials.has_released(), "nobody knows what its servos do");
+        eventually("the link is open again", || carrier.is_open());
+        assert_eq!(panel.trouble(), None);
+        carrier.send(&[2]);
+        assert_eq!(written.recv().unwrap(), [2]);
     }
 
     #[test]

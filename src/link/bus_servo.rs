@@ -39,6 +39,8 @@ pub struct Port {
     told_troubles: String,
     logged: LoggedReasons,
     panel: Arc<Panel>,
+    /// Whether the next link to these servos finds them as they are.
+    keeps_torque: bool,
     _claim: PortClaim,
 }
 
@@ -62,6 +64,7 @@ impl Device for Servos {
             told_troubles: String::new(),
             logged: LoggedReasons::default(),
             panel: Arc::clone(&self.panel),
+            keeps_torque: false,
             _claim,
         })
     }
@@ -73,17 +76,10 @@ impl Device for Servos {
         port.tell();
         is_made.map_err(|error| lost(&port.device, error))
     }
-}
 
-/// Takes the torque from servos that no link moves.
-pub fn rest(settings: &BusServoSettings) -> Result<(), LinkError> {
-    let device = PortSearch::new(&settings.device, Attached::BusServos).find()?;
-    let mut tty = open_port(&device, settings.baud, WRITE_TIMEOUT)?;
-    let mut message = Vec::new();
-    let ids: Vec<u8> = settings.channels.iter().map(|channel| channel.channel as u8).collect();
-    // Sent twice, because the first message may only complete one that was cut off on the line.
-    (0..2).for_each(|_| settings.family.write_torque(&ids, false, &mut message));
-    tty.write_all(&message).map_err(|error| lost(&device, error))
+    fn hand_over(&mut self, port: &mut Port) {
+        port.keeps_torque = true;
+    }
 }
 
 impl Port {
@@ -117,6 +113,9 @@ impl Port {
 
 impl Drop for Port {
     fn drop(&mut self) {
+        if self.keeps_torque {
+            return;
+        }
         for _ in 0..STEPS_TO_REST {
             thread::sleep(STEP);
             if self.step(&Packet::NEUTRAL).is_err() {

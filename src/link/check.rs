@@ -258,7 +258,7 @@ pub fn notes(settings: &Settings) -> Vec<String> {
         }
         let channels = link.kind.channels().into_iter().flatten();
         notes.extend(channels.filter_map(|channel| {
-            limited(channel).map(|note| format!("channel {} of {link}: {note}", channel.channel))
+            limited(channel).map(|note| format!("channel {} of {link}: {note}", channel.label()))
         }));
     }
     notes

@@ -55,10 +55,10 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
             // The hash of the identifier does not give it away.
             let cid = cid(&[&facewire_board::machine_id(), &it.source]);
             let format = Dmx::sacn(cid, &it.source, it.priority as u8, it.universe as u16);
-            dmx(format, Values::new(&it.channels, it.whole_face, dials), begun)
+            dmx(format, Values::new(&it.channels, it.whole_face, it.stop, dials), begun)
         }
         LinkKind::ArtNet(it) => {
-            dmx(Dmx::art_net(it.universe as u16), Values::new(&it.channels, it.whole_face, dials), begun)
+            dmx(Dmx::art_net(it.universe as u16), Values::new(&it.channels, it.whole_face, it.stop, dials), begun)
         }
         LinkKind::IFacialMocap(it) => {
             let mut format = IFacialMocap::new(it.version);
@@ -78,7 +78,9 @@ fn dmx(mut format: Dmx, mut values: Values, begun: Instant) -> Encoder {
     Box::new(move |packet, output, send| {
         // Packets on the way to neutral have this state too, but `moving` is true.
         let is_last = (packet.state, packet.reason, output.moving) == (State::Neutral, Reason::Stopping, false);
-        format.encode(values.follow(packet, Instant::now()), is_last, begun.elapsed(), send);
+        if let Some((universe, ends)) = values.follow(packet, Instant::now()) {
+            format.encode(universe, is_last || ends, begun.elapsed(), send);
+        }
     })
 }
 

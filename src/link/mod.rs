@@ -15,9 +15,11 @@ mod json;
 mod output;
 mod panel;
 pub mod pca9685;
+mod release;
 mod serial;
 mod udp;
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::{fmt::Display, io, sync::Arc, sync::atomic::Ordering::Relaxed, time::Duration};
 
 use facewire_board::{Attached, latency_remedy, root};
@@ -29,13 +31,14 @@ use self::encoder::{Encoder, encoder_of};
 use self::output::Shown;
 #[cfg(test)]
 pub(crate) use self::output::test_output;
-pub(crate) use self::output::towards;
+pub(crate) use self::output::{LONGEST_STEP_US, towards};
 pub use self::output::{Output, Pace};
 pub use self::panel::{Panel, Traffic};
+pub use self::release::release_servos;
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{JsonTarget, LinkKind, LinkSettings, Pca9685Settings};
+use crate::config::{JsonTarget, LinkKind, LinkSettings};
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -53,12 +56,23 @@ pub struct Link {
     sequence: u16,
     shown: Shown,
     pace: Pace,
-    /// When an output was encoded last, microseconds, and whether an operator had a say in it.
-    encoded: (u64, bool),
+    /// When an output was encoded last, microseconds.
+    encoded_us: u64,
+    /// Whether an operator had a say in it, and since when that is so, microseconds.
+    was_operated: bool,
+    operated_us: u64,
 }
+
+/// Stack of a thread that a link starts. With locked memory all of it is in RAM.
+const LINK_STACK_BYTES: usize = 256 << 10;
+/// How long a thread of a link that has panicked does nothing.
+const PANIC_PAUSE: Duration = Duration::from_secs(1);
 
 /// Time between two messages to servos that an operator jogs or has released, microseconds.
 const OPERATED_PERIOD_US: u64 = 25_000;
+/// The same while a board has not acknowledged a release, at first: each message asks one bus servo whether it has torque.
+const UNACKNOWLEDGED_PERIOD_US: u64 = 3_000;
+const UNACKNOWLEDGED_US: u64 = 400_000;
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link {message}")]
@@ -93,6 +107,18 @@ impl LinkError {
         let advice = "stop what listens there already, or give another place";
         Self::new(LinkErrorKind::Other, place, format!("nothing can listen there ({error}); {advice}"))
     }
+}
+
+/// Whether the work of a link's thread ends by a panic, which is logged and shown as the trouble of the link.
+fn panics(link: &dyn Display, panel: &Panel, work: impl FnOnce()) -> bool {
+    let has_panicked = catch_unwind(AssertUnwindSafe(work)).is_err();
+    if has_panicked {
+        let trouble = format!("{link}: its thread has panicked, which is a fault of facewire: please report it");
+        tracing::error!("link {trouble}");
+        panel.dials.note_released(false);
+        panel.note(Some(&trouble));
+    }
+    has_panicked
 }
 
 impl Link {
@@ -135,7 +161,9 @@ impl Link {
             sequence: 0,
             shown: Shown::default(),
             pace: Pace::default(),
-            encoded: (0, false),
+            encoded_us: 0,
+            was_operated: false,
+            operated_us: 0,
         })
     }
 
@@ -170,38 +198,39 @@ impl Link {
         settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
     }
 
-    /// Switches off servos that hold their last position. Fails if their device is away, or if another program has it.
-    pub fn rest(settings: &LinkSettings) -> Option<Result<(), LinkError>> {
-        let end_pulses = |it: &Pca9685Settings| {
-            let mut bus = pca9685::Bus::open(it)?;
-            it.channels.iter().try_for_each(|channel| bus.set_pulse(channel.channel as u8, None))
-        };
-        match &settings.kind {
-            LinkKind::BusServo(it) => Some(bus_servo::rest(it)),
-            LinkKind::Pca9685(it) => Some(end_pulses(it)),
-            _ => None,
-        }
-    }
-
     /// Sends the output if it is due, which an operator of servos can bring forward. All settings but the kind may differ
     /// from those of the last call. Returns how long the link can wait for the next output, microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
         let is_operated = self.panel.dials.is_operated();
-        let (encoded_us, was_operated) = self.encoded;
-        is_due |= is_operated != was_operated;
+        if is_operated != self.was_operated {
+            self.operated_us = now_us;
+            is_due = true;
+        }
         if is_operated {
-            is_due |= now_us.saturating_sub(encoded_us) >= OPERATED_PERIOD_US;
-            wait_us = wait_us.min(OPERATED_PERIOD_US);
+            let period_us = self.operated_period_us(settings.rate_hz(rates.send_hz), now_us);
+            is_due |= now_us.saturating_sub(self.encoded_us) >= period_us;
+            wait_us = wait_us.min(period_us);
         }
         if is_due {
-            self.encoded = (now_us, is_operated);
+            self.encoded_us = now_us;
+            self.was_operated = is_operated;
             self.encode(&output);
         }
         self.panel.is_open.store(self.is_open(), Relaxed);
         self.panel.refusal.store(self.udp.as_ref().and_then(|udp| udp.refusal).unwrap_or(0), Relaxed);
         wait_us
+    }
+
+    /// Time between two messages while an operator has a say in them, microseconds.
+    fn operated_period_us(&self, rate_hz: u32, now_us: u64) -> u64 {
+        let dials = &self.panel.dials;
+        let is_awaited = dials.operator.is_released.load(Relaxed) && !dials.has_released();
+        if is_awaited && now_us.saturating_sub(self.operated_us) < UNACKNOWLEDGED_US {
+            return UNACKNOWLEDGED_PERIOD_US;
+        }
+        OPERATED_PERIOD_US.max(1_000_000 / u64::from(rate_hz.max(1)))
     }
 
     /// Sends the output at once, as the last one.
@@ -219,15 +248,21 @@ impl Link {
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
+        let is_released = panel.dials.operator.is_released.load(Relaxed);
+        let mut is_taken = true;
         encoder(&packet(output, self.sequence), output, &mut |message| {
             panel.traffic.packets.fetch_add(1, Relaxed);
             if let Some(udp) = udp {
-                udp.send(message);
+                is_taken &= udp.send(message);
             }
             if let Some(device) = device {
                 device.send(message);
             }
         });
+        if self.udp.is_some() {
+            // No receiver of datagrams acknowledges anything.
+            self.panel.dials.note_released(is_released && is_taken);
+        }
         self.sequence = self.sequence.wrapping_add(1);
     }
 
@@ -247,6 +282,13 @@ impl Link {
     pub fn stop(&self) {
         if let Some(device) = &self.device {
             device.stop();
+        }
+    }
+
+    /// As [`Link::stop`], for a link that another one to the same servo board replaces: servos keep their torque.
+    pub fn hand_over(&self) {
+        if let Some(device) = &self.device {
+            device.hand_over();
         }
     }
 

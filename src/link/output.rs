@@ -19,6 +19,9 @@ const COEFFICIENT_STEP: f32 = 0.005;
 /// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
 const ROTATION_STEP: f32 = 0.004_363;
 const POSITION_STEP_MM: f32 = 2.0;
+/// Longest time that one step of a limited motion accounts for. After a longer pause, in which the process may have been
+/// stopped, the motion goes on as if it had been paused.
+pub const LONGEST_STEP_US: u64 = 100_000;
 /// How far the head may turn and move while a coefficient may move by 1. At 4 units/s this is 180 degrees/s and 1 m/s.
 const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
 const MM_PER_UNIT: f32 = 250.0;
@@ -38,6 +41,8 @@ pub struct Output {
     pub followed: bool,
     /// Whether the output moves on without a new pose, as it does during a decay or a ramp.
     pub moving: bool,
+    /// Whether the last pose that the output followed is an operator's, not the wearer's.
+    pub is_puppet: bool,
 }
 
 /// What a link remembers for the time after a loss.
@@ -57,14 +62,15 @@ impl Shown {
             self.last_live = Some(output.pose);
         }
         let is_lost = matches!(output.state, State::Decay | State::Neutral) && output.reason != Reason::Stopping;
-        let is_held = is_lost && settings.pace.loss == Loss::Hold;
+        // Nobody wants an operator's face any more once the operator has left.
+        let is_held = is_lost && settings.pace.loss == Loss::Hold && !output.is_puppet;
         if let (true, Some(pose)) = (is_held, self.held.map(|(pose, _)| pose).or(self.last_live)) {
             shown.state = State::Hold;
             shown.pose = pose;
             shown.moving = false;
             self.held = Some((pose, now_us));
         } else if let Some((pose, since_us)) = self.held.take() {
-            let elapsed_s = now_us.saturating_sub(since_us) as f32 * 1e-6;
+            let elapsed_s = now_us.saturating_sub(since_us).min(LONGEST_STEP_US) as f32 * 1e-6;
             shown.pose = towards(&pose, &output.pose, 1.0, slew_per_s * elapsed_s);
             shown.moving = shown.pose != output.pose;
             self.held = shown.moving.then_some((shown.pose, now_us));
@@ -98,7 +104,8 @@ impl Pace {
         let wait_us = |at_us: u64, last: &Output| {
             interval_us(settings.pace.loss, kind, period_us, last, output).saturating_sub(now_us.saturating_sub(at_us))
         };
-        let is_followed = output.followed && kind == PaceKind::Pose;
+        // The wearer's poses have the camera's rate. An operator's may come at any rate.
+        let is_followed = output.followed && kind == PaceKind::Pose && !output.is_puppet;
         let is_due = is_followed || self.0.as_ref().is_none_or(|(at_us, last)| wait_us(*at_us, last) == 0);
         if is_due {
             // A fixed rate keeps its grid, so that late wake-ups do not add up.
@@ -118,7 +125,7 @@ fn interval_us(loss: Loss, kind: PaceKind, period_us: u64, last: &Output, output
     match kind {
         _ if loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral => u64::MAX,
         PaceKind::Pose if is_new_state => 0,
-        PaceKind::Pose if output.moving || output.state == State::Hold => period_us,
+        PaceKind::Pose if output.moving || output.is_puppet || output.state == State::Hold => period_us,
         PaceKind::Change if is_new_state || differs_visibly(&last.pose, &output.pose) => period_us,
         PaceKind::Pose | PaceKind::Change => KEEP_ALIVE_US,
         PaceKind::Rate => period_us,
@@ -162,7 +169,7 @@ pub fn towards(pose: &Pose, target: &Pose, part: f32, limit: f32) -> Pose {
 pub fn test_output(state: State) -> Output {
     let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
     let moving = state == State::Decay;
-    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: false, moving }
+    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: false, moving, is_puppet: false }
 }
 
 #[cfg(test)]
@@ -232,6 +239,36 @@ mod tests {
         assert_eq!(Shown::adjusted(&settings, &stopping), stopping, "the last packet is neutral");
     }
 
+    #[test]
+    fn a_link_that_holds_never_holds_an_operators_face() {
+        let mut shown = Shown::default();
+        let settings = settings(PaceKind::Pose, Loss::Hold);
+        let puppet = |state, jaw_open| Output { is_puppet: true, ..output(state, jaw_open) };
+        for (now_us, given) in (0..).step_by(50_000).zip([
+            output(State::Live, 0.3),
+            puppet(State::Live, 1.0),
+            puppet(State::Hold, 1.0),
+            puppet(State::Decay, 0.6),
+            puppet(State::Neutral, 0.0),
+        ]) {
+            assert_eq!(shown.next(&settings, 4.0, now_us, &given), given);
+        }
+        let lost = [output(State::Live, 0.8), output(State::Neutral, 0.0)];
+        let jaws_open = lost.map(|given| shown.next(&settings, 4.0, 400_000, &given).pose.coefficients[JAW_OPEN]);
+        assert_eq!(jaws_open, [0.8, 0.8], "the wearer's next face is held again");
+    }
+
+    #[test]
+    fn after_a_pause_of_the_process_a_held_face_moves_on_no_farther_than_in_100_ms() {
+        let mut shown = Shown::default();
+        let settings = settings(PaceKind::Pose, Loss::Hold);
+        for (now_us, given) in [(0, output(State::Live, 1.0)), (1, output(State::Neutral, 0.0))] {
+            shown.next(&settings, 4.0, now_us, &given);
+        }
+        let moved_on = shown.next(&settings, 4.0, 5_000_000, &output(State::Live, 0.0));
+        assert_eq!(moved_on.pose.coefficients[JAW_OPEN], 0.6);
+    }
+
     /// A link that follows its pace, and the times at which it sent.
     struct Link {
         settings: LinkSettings,
@@ -277,6 +314,18 @@ mod tests {
         let sent = [State::Live, State::Neutral, State::Hold, State::Decay]
             .map(|state| Link::new(PaceKind::Pose, Loss::Neutral, 50).run(0, &output(state, 0.5)));
         assert_eq!(sent, [10, 10, 50, 50]);
+    }
+
+    #[test]
+    fn an_operators_face_keeps_to_the_rate_of_every_pace_however_often_it_is_given() {
+        for kind in [PaceKind::Pose, PaceKind::Change, PaceKind::Rate] {
+            let mut link = Link::new(kind, Loss::Neutral, 20);
+            for now_ms in 0..1000 {
+                let jaw_open = if now_ms % 2 == 0 { 0.2 } else { 0.8 };
+                link.offer(now_ms, &Output { followed: true, is_puppet: true, ..output(State::Live, jaw_open) });
+            }
+            assert_eq!(link.sent_ms.len(), 20, "{kind:?}");
+        }
     }
 
     #[test]

@@ -65,22 +65,40 @@ impl Panel {
         ))
     }
 
+    pub fn moves_servos(&self) -> bool {
+        self.kind.channels().is_some()
+    }
+
+    /// The kind and the receiver.
+    pub fn name(&self) -> String {
+        format!("{} {}", self.kind.name(), self.receiver)
+    }
+
     /// What programs at the control socket are told of the link.
     pub fn status(&self) -> LinkStatus {
-        let kind = self.kind.name();
-        let channel = |dial: &Dial| ChannelStatus {
-            number: dial.number,
-            target: dial.target.get(),
-            position: dial.position.get(),
-            pulse_us: dial.place.get(),
+        let channel = |dial: &Dial| {
+            let [volts, celsius, load, _] = &dial.health;
+            ChannelStatus {
+                number: dial.number,
+                target: dial.target.get(),
+                position: dial.position.get(),
+                pulse_us: dial.place.get(),
+                name: Some(dial.name.clone()).filter(|name| !name.is_empty()),
+                measured: dial.measured.get(),
+                volts: volts.get(),
+                celsius: celsius.get(),
+                load: load.get(),
+            }
         };
         LinkStatus {
-            name: format!("{kind} {}", self.receiver),
-            kind: kind.to_owned(),
+            name: self.name(),
+            kind: self.kind.name().to_owned(),
             open: self.is_open.load(Relaxed),
             sent: self.sent.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
             trouble: self.trouble(),
+            stop: self.kind.at_stop().map(str::to_owned),
+            released: self.moves_servos().then(|| self.dials.has_released()),
             channels: self.dials.channels.iter().map(channel).collect(),
         }
     }
@@ -88,5 +106,48 @@ impl Panel {
     /// The last trouble since the device was opened, or since the host was found.
     pub fn trouble(&self) -> Option<String> {
         self.refusal().or_else(|| self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use facewire_packet::Packet;
+    use facewire_servo::bus::simulator::Simulator;
+    use facewire_servo::bus::{Line, Unit};
+
+    use super::*;
+
+    #[test]
+    fn the_status_of_a_link_has_what_each_bus_servo_tells_of_itself_and_its_name_and_nothing_of_one_that_is_silent() {
+        let channel = |id, keys| format!("[[link.channel]]\nchannel = {id}\nposition_at_0 = 400\n{keys}");
+        let channels = [channel(3, "position_at_1 = 600\nname = \"left brow\"\n"), channel(4, "position_at_1 = 800\n")];
+        let text = format!("[[link]]\nkind = \"bus-servo\"\nfamily = \"feetech-sts\"\n{}", channels.concat());
+        let settings = crate::config::parse("test", &text).unwrap().links.remove(0);
+        let LinkKind::BusServo(bus) = &settings.kind else { panic!() };
+        let panel = Panel::new(&settings, &Arc::default());
+        let mut line = Line::new(bus.family, Unit::Steps, 1_000_000, &bus.channels, &panel.dials);
+        let mut now = Instant::now();
+        // Number 4 is not plugged in. Number 3 stands at 500 steps.
+        let mut servos = Simulator::new(bus.family, &[3], now);
+        servos.servos[0].registers[60..62].copy_from_slice(&250_u16.to_le_bytes());
+        panel.traffic.operator.is_released.store(true, Relaxed);
+        let mut back = Vec::new();
+        for _ in 0..50 {
+            now += Duration::from_millis(20);
+            let mut message = Vec::new();
+            line.step(&Packet::NEUTRAL, &back, now, &mut message);
+            back = servos.take(&message, now);
+        }
+        let told = |channel: &ChannelStatus| {
+            let numbers = [channel.measured, channel.volts, channel.celsius, channel.load];
+            (channel.number, channel.name.clone(), numbers)
+        };
+        let brow = (3, Some("left brow".to_owned()), [Some(0.5), Some(7.4), Some(30.0), Some(0.25)]);
+        let silent = (4, None, [None; 4]);
+        assert_eq!(panel.status().channels.iter().map(told).collect::<Vec<_>>(), [brow, silent]);
+        let text = serde_json::to_string(&panel.status().channels[1]).unwrap();
+        assert_eq!(text, "{\"number\":4,\"target\":0.0,\"position\":0.0,\"pulse_us\":null}", "for older clients");
     }
 }

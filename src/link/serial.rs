@@ -27,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
-use facewire_servo::maestro::{ANSWER_BYTES, SILENCE, errors, preamble, question};
+use facewire_servo::maestro::{ANSWER_BYTES, Reminder, SILENCE, errors, preamble, question};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
@@ -152,8 +152,9 @@ pub fn serial_carrier(kind: &LinkKind, panel: Arc<Panel>) -> Result<Option<Backg
     let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
     let first_claim = path.and_then(|path| PortClaim::acquire(path).ok());
     let is_found = path.is_some();
-    let line =
-        Line { search: PortSearch::new(device, auto), is_found, baud, maestro, first_claim, panel: Arc::clone(&panel) };
+    let release = maestro.as_ref().map(|it| it.commands().release(&it.channels, it.multiple_targets));
+    let search = PortSearch::new(device, auto);
+    let line = Line { search, is_found, baud, maestro, release, first_claim, panel: Arc::clone(&panel) };
     Background::start(device, "fw-serial", line, panel).map(Some)
 }
 
@@ -163,6 +164,8 @@ struct Line {
     is_found: bool,
     baud: u32,
     maestro: Option<MaestroSettings>,
+    /// The message that ends the pulses of a Maestro.
+    release: Option<Vec<u8>>,
     first_claim: Option<PortClaim>,
     panel: Arc<Panel>,
 }
@@ -174,11 +177,18 @@ struct Port {
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
     dtr: Option<OwnedFd>,
     is_asked: bool,
+    /// Whether the last message that a Maestro was given ended its pulses, and whether it was asked after that. It obeys
+    /// commands in their order, so its answer acknowledges the release.
+    is_released: bool,
+    is_asked_released: bool,
     /// When the restart, the preamble or the last question began.
     since: Instant,
     /// Whether the port takes messages. A message that a slow line leaves out does not count.
     takes: bool,
     took_at: Instant,
+    /// The limits for a Maestro, and what was written last: a message, and the limits before it.
+    reminder: Option<Reminder>,
+    written: Vec<u8>,
     logged: LoggedReasons,
     /// Released after the port is closed.
     _claim: PortClaim,
@@ -204,7 +214,11 @@ impl Device for Line {
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
-        port.write(message, &self.panel).map_err(|error| lost(&port.device, error))
+        let took = port.write(message, &self.panel).map_err(|error| lost(&port.device, error))?;
+        if took {
+            self.note_written(port, message);
+        }
+        Ok(took)
     }
 
     fn attend(&mut self, port: &mut Port) -> Result<(), LinkError> {
@@ -226,8 +240,28 @@ impl Line {
         let preamble =
             self.maestro.as_ref().map_or(vec![0], |it| preamble(it.pololu_commands(), it.commands(), &it.channels));
         let _ = port.tty.write(&preamble);
+        port.reminder = self.maestro.as_ref().map(|it| {
+            // By USB, which is where "auto" finds a Maestro, a baud rate means nothing.
+            let baud = if it.device == SerialDevice::Auto { u32::MAX } else { self.baud };
+            Reminder::new(it.commands(), &it.channels, baud)
+        });
         port.since = Instant::now();
         port.took_at = Instant::now();
+    }
+
+    fn is_unacknowledged(&self, port: &Port) -> bool {
+        port.is_released && !self.panel.dials.has_released()
+    }
+
+    /// Notes whether a message that the port took ends the pulses of a Maestro. One that is never asked acknowledges nothing, so
+    /// that what the port takes must do.
+    fn note_written(&self, port: &mut Port, message: &[u8]) {
+        port.is_released = self.release.as_deref() == Some(message);
+        port.is_asked_released &= port.is_released;
+        let is_silent = self.maestro.as_ref().is_some_and(|it| !it.read_errors);
+        if !port.is_released || is_silent {
+            self.panel.dials.note_released(port.is_released);
+        }
     }
 
     /// Does what is due: ends the restart, asks, or takes the answer.
@@ -245,12 +279,17 @@ impl Line {
             port.is_asked = false;
             let mut answer = [0; ANSWER_BYTES];
             port.tty.read_exact(&mut answer)?;
+            if port.is_asked_released {
+                self.panel.dials.note_released(true);
+            }
             errors(answer).for_each(|error| port.warn(error, &self.panel));
         } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
             port.is_asked = false;
+            self.panel.dials.note_released(false);
             port.warn(SILENCE, &self.panel);
-        } else if !port.is_asked && elapsed >= INQUIRY_PERIOD {
+        } else if !port.is_asked && (elapsed >= INQUIRY_PERIOD || self.is_unacknowledged(port)) {
             port.is_asked = settings.read_errors;
+            port.is_asked_released = port.is_released;
             port.since = Instant::now();
             let _ = port.tty.clear(ClearBuffer::Input);
             // A question that the port does not take now is asked again a second later.
@@ -263,11 +302,26 @@ impl Line {
 impl Port {
     fn new(device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, _claim: PortClaim) -> Self {
         let now = Instant::now();
-        let logged = LoggedReasons::default();
-        Self { device, tty, dtr, is_asked: false, since: now, takes: true, took_at: now, logged, _claim }
+        Self {
+            device,
+            tty,
+            dtr,
+            is_asked: false,
+            is_released: false,
+            is_asked_released: false,
+            since: now,
+            takes: true,
+            took_at: now,
+            reminder: None,
+            written: Vec::new(),
+            logged: LoggedReasons::default(),
+            _claim,
+        }
     }
 
+    /// Tells the trouble of a Maestro, which may have missed its limits, or have restarted.
     fn warn(&mut self, trouble: &str, panel: &Panel) {
+        self.doubt();
         panel.note(Some(trouble));
         if self.logged.is_new(trouble) {
             tracing::warn!("link {}: {trouble}", self.device.display());
@@ -284,8 +338,9 @@ impl Port {
         }
         let took_before = self.takes;
         // A port that does not know its unsent bytes is written to.
-        let is_behind = self.tty.bytes_to_write().is_ok_and(|unsent| is_behind(unsent, message.len()));
-        let took = !is_behind && in_time(self.tty.write(message))? == Some(message.len());
+        let longest = message.len().max(self.written.len());
+        let is_behind = self.tty.bytes_to_write().is_ok_and(|unsent| is_behind(unsent, longest));
+        let took = !is_behind && self.put(message)?;
         if took {
             self.took_at = Instant::now();
         }
@@ -298,6 +353,26 @@ impl Port {
             }
         }
         Ok(took)
+    }
+}
+
+impl Port {
+    /// Writes a message, and before it the limits for a Maestro. Returns whether the port took all of it.
+    fn put(&mut self, message: &[u8]) -> io::Result<bool> {
+        self.written.clear();
+        if let Some(reminder) = &mut self.reminder {
+            reminder.write(message.len(), self.took_at.elapsed(), &mut self.written);
+        }
+        self.written.extend(message);
+        let took = in_time(self.tty.write(&self.written))? == Some(self.written.len());
+        if !took {
+            self.doubt();
+        }
+        Ok(took)
+    }
+
+    fn doubt(&mut self) {
+        self.reminder.iter_mut().for_each(Reminder::doubt);
     }
 }
 
@@ -333,6 +408,7 @@ pub(super) fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
 mod tests {
     use facewire_board::Attached;
     use facewire_packet::FRAME_BYTES;
+    use facewire_servo::ChannelSettings;
 
     use super::*;
     use crate::link::testing::eventually;
@@ -371,8 +447,15 @@ mod tests {
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, Attached::Microcontroller);
         let maestro = Some(MaestroSettings::default());
-        let mut line =
-            Line { search, is_found: true, baud: 115_200, maestro, first_claim: None, panel: Arc::default() };
+        let mut line = Line {
+            search,
+            is_found: true,
+            baud: 115_200,
+            maestro,
+            release: None,
+            first_claim: None,
+            panel: Arc::default(),
+        };
         let mut port = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
             assert!(!port.write(b"dropped", &line.panel).unwrap());
@@ -400,6 +483,52 @@ mod tests {
         let mut bytes = [0; 16];
         board.read_exact(&mut bytes).unwrap();
         assert_eq!((&bytes, board.bytes_to_read().unwrap()), (b"\xAA\x0C\x21firstsecond\xA1\xA1", 0));
+    }
+
+    #[test]
+    fn a_maestro_gets_its_limits_before_the_targets_as_far_as_the_line_carries_them_and_all_of_them_after_a_trouble() {
+        let (mut board, tty) = TTYPort::pair().unwrap();
+        board.set_timeout(Duration::from_mins(1)).unwrap();
+        let device = PathBuf::from(tty.name().unwrap());
+        let channel = ChannelSettings { speed_per_s: 2.0, ..ChannelSettings::default() };
+        let at = SerialDevice::Path(device.clone());
+        let maestro = Some(MaestroSettings { device: at, channels: vec![channel], ..MaestroSettings::default() });
+        let search = PortSearch::new(&SerialDevice::Auto, Attached::Maestro);
+        let line = Line {
+            search,
+            is_found: true,
+            baud: 115_200,
+            maestro,
+            release: None,
+            first_claim: None,
+            panel: Arc::default(),
+        };
+        let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
+        line.begin(&mut port);
+        let limits = b"\x87\x00\x50\x00\x89\x00\x00\x00";
+        let target = b"\x84\x00\x70\x2E";
+        let mut heard = [0; 11];
+        board.read_exact(&mut heard).unwrap();
+        assert_eq!((&heard[..3], &heard[3..]), (&b"\xAA\x0C\x21"[..], &limits[..]), "the preamble");
+        // Writes a target so long after the last one, and returns what the Maestro hears.
+        let mut after = |port: &mut Port, ms| {
+            port.took_at = Instant::now().checked_sub(Duration::from_millis(ms)).unwrap();
+            if ms == 0 {
+                // No time passes until a moment in the future.
+                port.took_at += Duration::from_mins(1);
+            }
+            assert!(port.write(target, &line.panel).unwrap());
+            let mut heard = vec![0; port.written.len()];
+            board.read_exact(&mut heard).unwrap();
+            heard
+        };
+        let both = [&limits[..], target].concat();
+        assert_eq!(after(&mut port, 0), both, "the first target");
+        assert_eq!(after(&mut port, 0), target, "no room");
+        assert_eq!(after(&mut port, 20), both);
+        assert_eq!(after(&mut port, 0), target, "no room");
+        port.warn("an error", &line.panel);
+        assert_eq!(after(&mut port, 0), both);
     }
 
     #[test]

@@ -11,13 +11,13 @@ use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::Builder;
+use std::thread::{self, Builder};
 use std::time::Duration;
 
 use facewire_board::name_server_remedy;
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
-use super::{LinkError, LinkErrorKind, Panel};
+use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
 use crate::config::Address;
 use crate::retry::Retry;
 
@@ -56,22 +56,28 @@ impl UdpCarrier {
             let (wake, woken) = sync_channel(1);
             let host = address.clone();
             let shared = Arc::clone(&panel);
-            let thread = Builder::new().name("fw-lookup".to_owned());
-            let started = thread.spawn(move || look_up(&host, from, resolve, input, &woken, &shared));
+            let thread = Builder::new().name("fw-lookup".to_owned()).stack_size(LINK_STACK_BYTES);
+            let started = thread.spawn(move || {
+                while panics(&host, &shared, || look_up(&host, from, &resolve, &mut input, &woken, &shared)) {
+                    thread::sleep(PANIC_PAUSE);
+                }
+            });
             started.map_err(|error| LinkError::no_thread(address, error))?;
             Some(wake)
         };
         Ok(Self { destination, lookup, panel, refusal: None })
     }
 
-    /// Sends the message or drops it, without waiting, and counts it.
-    pub fn send(&mut self, message: &[u8]) {
+    /// Sends the message or drops it, without waiting, and counts it. Returns whether the network took it.
+    pub fn send(&mut self, message: &[u8]) -> bool {
         let destination = self.destination.read().as_ref();
         let sent = destination.map(|(socket, receiver)| socket.send_to(message, receiver));
-        self.panel.count(matches!(sent, Some(Ok(_))));
+        let is_taken = matches!(sent, Some(Ok(_)));
+        self.panel.count(is_taken);
         // A full buffer drops this message and says nothing about the network.
         let error = sent.and_then(Result::err).filter(|error| error.kind() != io::ErrorKind::WouldBlock);
         self.refusal = error.and_then(|error| error.raw_os_error());
+        is_taken
     }
 
     /// Whether messages reach the network at present.
@@ -129,8 +135,8 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
 fn look_up(
     address: &Address,
     from: Option<SocketAddr>,
-    resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
-    mut destination: Input<Option<Destination>>,
+    resolve: &impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
+    destination: &mut Input<Option<Destination>>,
     woken: &Receiver<()>,
     panel: &Panel,
 ) {
@@ -178,6 +184,7 @@ fn choose(
 #[cfg(test)]
 mod tests {
     use std::net::Ipv4Addr;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
     use super::*;
     use crate::config::LinkSettings;
@@ -226,7 +233,9 @@ mod tests {
             let mut bytes = [0; 100];
             drop(socket);
             let mut link = open(&address);
-            (0..10).for_each(|_| link.send(b"early"));
+            (0..10).for_each(|_| {
+                link.send(b"early");
+            });
             let socket = receiver(&address);
             link.send(MESSAGE);
             let length = socket.recv(&mut bytes).unwrap();
@@ -294,6 +303,26 @@ mod tests {
         }
         find(&link, &answers, &[new_address]);
         assert!(arrives(&mut link, &new) && !arrives(&mut link, &old));
+    }
+
+    #[test]
+    fn a_look_up_that_panics_is_tried_again_and_told() {
+        let socket = receiver("127.0.0.1:0");
+        let found = socket.local_addr().unwrap();
+        let (begins, begun) = sync_channel(0);
+        let tries = AtomicU32::new(0);
+        let resolve = move |_: &Address| {
+            let _ = begins.send(());
+            assert!(tries.fetch_add(1, Relaxed) > 0, "tried");
+            Ok(vec![found])
+        };
+        let address = Address::new("head.local:5252").unwrap();
+        let mut link = UdpCarrier::resolved_by(resolve, &address, Arc::default()).unwrap();
+        begun.recv().unwrap();
+        eventually("a word", || link.panel.trouble().is_some_and(|trouble| trouble.contains("fault of facewire")));
+        begun.recv().unwrap();
+        drop(begun);
+        eventually("the packets arrive", || arrives(&mut link, &socket));
     }
 
     #[test]

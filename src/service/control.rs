@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, mpsc};
-use std::thread::{Builder, JoinHandle, Thread};
+use std::thread::{self, Builder, JoinHandle, Thread};
 use std::time::Duration;
 
 use facewire_packet::control::{Reply, Request};
@@ -39,13 +39,13 @@ use self::client::{Client, MAX_LINE, Speaks};
 use self::endpoint::Endpoint;
 use self::picture::{NO_PICTURES, USUAL_SIZE, picture_of, warn_of_picture};
 use self::record::Recording;
-pub(super) use self::release::was_released;
 use self::wait::{Answer, Outcome, wait_for};
 use self::watch::Shown;
 use self::wearers::named;
 use super::Loader;
 use super::counters::Counters;
 use super::hot::HotChange;
+use super::kept::Kept;
 use super::metrics::{self, MAX_REQUEST_BYTES};
 use super::observer::Observed;
 use super::picture::Asker;
@@ -65,6 +65,7 @@ const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Time in which a client that calibrates, records or watches must take what it was sent.
 const STREAM_PATIENCE: Duration = Duration::from_secs(10);
+const FAILURE_PAUSE: Duration = Duration::from_millis(50);
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
@@ -110,6 +111,8 @@ pub(super) struct Server {
     stop_signal: PipeReader,
     clients: VecDeque<(Client, Task)>,
     shown: Shown,
+    /// Whether it was logged that the system refused to wait for clients.
+    has_failed: bool,
 }
 
 impl Server {
@@ -128,7 +131,8 @@ impl Server {
         let control = Endpoint::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
         let endpoints = [control, Endpoint::new(settings.metrics.listen.clone(), Speaks::Http)];
         let clients = VecDeque::new();
-        Ok((Self { endpoints, settings, config, peers, stop_signal, clients, shown: Shown::default() }, stop))
+        let shown = Shown::default();
+        Ok((Self { endpoints, settings, config, peers, stop_signal, clients, shown, has_failed: false }, stop))
     }
 
     pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
@@ -159,13 +163,22 @@ impl Server {
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
         let listeners = endpoints.iter().filter_map(|endpoint| endpoint.listener.as_ref());
         polled.extend(listeners.map(|listener| PollFd::new(&listener.socket, PollFlags::IN)));
-        if let Err(error) = poll(&mut polled, Some(if self.clients.is_empty() { &LOOK_IDLE } else { &LOOK_BUSY })) {
-            return error == Errno::INTR;
-        }
+        let failure = poll(&mut polled, Some(if self.clients.is_empty() { &LOOK_IDLE } else { &LOOK_BUSY })).err();
         let goes_on = polled.first().is_some_and(|stop| stop.revents().is_empty());
         let arrived = endpoints.into_iter().filter_map(Endpoint::accept);
         self.clients.extend(arrived.map(|client| (client, Task::Ask)));
+        if let Some(error) = failure.filter(|error| *error != Errno::INTR) {
+            self.outlive(error);
+        }
         goes_on
+    }
+
+    /// Lets a moment pass in which the system may find the memory that it lacked. Clients are served all the same.
+    fn outlive(&mut self, error: Errno) {
+        if !std::mem::replace(&mut self.has_failed, true) {
+            tracing::warn!("the control socket and the metrics answer late: {error}; free some memory");
+        }
+        thread::sleep(FAILURE_PAUSE);
     }
 
     fn adopt(&mut self) {
@@ -290,7 +303,10 @@ impl Server {
                 let status = status::status(&self.peers.counters, &self.settings, self.config.as_deref());
                 return Ok((Some(Reply::Status(Box::new(status))), Task::Leave));
             }
-            Request::Release { on } => release::release(on, &self.peers, &self.settings.wearer),
+            Request::Release { on } => {
+                let kept = Kept::new(&self.settings.wearer, self.config.as_deref());
+                release::release(on, &self.peers, kept)
+            }
             Request::Drive {} if self.is_any(|task| matches!(task, Task::Drive)) => {
                 return Err("somebody else drives: try again when they have ended".into());
             }

@@ -4,6 +4,7 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use facewire_packet::{NeutralFace, State};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
@@ -86,6 +87,8 @@ pub(super) struct Counters {
     wearer: Mutex<Option<WearerName>>,
     /// The panels of the links in the order of the settings, locked by the same threads.
     panels: Mutex<Vec<Arc<Panel>>>,
+    /// When an operator released all servos, or let them move again, seconds since 1970.
+    pub(super) released_unix_s: AtomicU64,
     /// Why the settings that were read last are not in use. The hot loop does not lock it either.
     pub(super) settings_refused: Mutex<Option<String>>,
 }
@@ -133,6 +136,10 @@ fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(u
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
     let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();
     (format!("{key}={}", if held.is_empty() { "none".to_owned() } else { held.join(",") }), samples)
+}
+
+pub(super) fn seconds_since_1970(time: SystemTime) -> u64 {
+    time.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
 impl Counters {
@@ -199,6 +206,7 @@ impl Counters {
         let [state, step] = [&self.state, &self.step].map(|index| index.load(Relaxed));
         let step_cause = self.step_cause.load(Relaxed);
         let neutral = self.neutral_face.load(Relaxed);
+        let is_released = self.traffic.operator.is_released.load(Relaxed);
         let is_small = self.small_picture.load(Relaxed);
         let share = f32::from_bits(self.neutral_share.load(Relaxed));
         let Traffic { packets, sent, dropped, .. } = &*self.traffic;
@@ -241,6 +249,8 @@ impl Counters {
                 = (format!("neutral_share={share:.2}"), vec![("", share.into())]);
             counter "neutral_forgotten" "" "How often the estimated neutral face was forgotten because another person sat down."
                 = count("neutral_forgotten", &self.neutral_forgotten);
+            gauge "servos_released" "" "1 while an operator keeps all servos without pulses, else 0."
+                = indicator(if is_released { "servos=released" } else { "" }, is_released);
         }
     }
 

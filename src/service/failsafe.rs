@@ -15,7 +15,7 @@ use facewire_packet::{Pose, Reason, State};
 use nalgebra::Quaternion;
 
 use crate::config::FailsafeSettings;
-use crate::link::{Output, towards};
+use crate::link::{LONGEST_STEP_US, Output, towards};
 
 /// Frame periods without a pose for which the face stays live: a camera may drop two frames in a row.
 pub(super) const LIVE_FRAMES: u64 = 3;
@@ -81,7 +81,7 @@ impl Failsafe {
     }
 
     fn slew(&self, elapsed_us: u64) -> f32 {
-        self.slew_per_s * Duration::from_micros(elapsed_us).as_secs_f32()
+        self.slew_per_s * Duration::from_micros(elapsed_us.min(LONGEST_STEP_US)).as_secs_f32()
     }
 
     /// Time from the last update to the next change of state, if no pose or fault comes first.
@@ -169,9 +169,8 @@ pub struct History {
     target: Pose,
     /// Whether the output still has to catch up with `target`.
     is_ramping: bool,
-    /// Whether the news are those of a puppet, and whether `target` is. The output moves to and from it by a ramp.
+    /// Whether the news are those of a puppet. The output moves to and from it by a ramp.
     pub(super) hears_puppet: bool,
-    shows_puppet: bool,
     now_us: Option<u64>,
     /// Capture time of the last pose in the news, followed or not.
     heard_us: Option<u64>,
@@ -192,12 +191,12 @@ impl Default for History {
                 capture_us: 0,
                 followed: false,
                 moving: false,
+                is_puppet: false,
             },
             reason: Reason::NoCamera,
             target: Pose::NEUTRAL,
             is_ramping: false,
             hears_puppet: false,
-            shows_puppet: false,
             now_us: None,
             heard_us: None,
             row: 0,
@@ -222,12 +221,12 @@ impl History {
     fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
         let output = &mut self.output;
         let is_puppet = self.hears_puppet;
-        let was_puppet = std::mem::replace(&mut self.shows_puppet, self.hears_puppet);
-        self.is_ramping |= output.state != State::Live || is_puppet || was_puppet;
+        self.is_ramping |= output.state != State::Live || is_puppet || output.is_puppet;
         if output.age_us == u64::MAX {
             output.pose.position_mm = pose.position_mm;
         }
         output.state = State::Live;
+        output.is_puppet = is_puppet;
         output.capture_us = capture_us;
         output.age_us = age_us;
         self.target = pose;

@@ -10,6 +10,7 @@ mod control;
 mod counters;
 pub mod failsafe;
 mod hot;
+mod kept;
 mod metrics;
 mod observer;
 mod picture;
@@ -19,7 +20,7 @@ mod sender;
 mod supervisor;
 mod timing;
 
-use std::io;
+use std::io::{self, PipeWriter};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, mpsc};
@@ -33,13 +34,14 @@ use triple_buffer::triple_buffer;
 pub use adaptation::Step;
 pub use camera::OpenCamera;
 pub use control::DEFAULT_WEARER;
+pub use kept::Kept;
 pub use realtime::bind_to_hot_cpu;
 pub use sender::replay;
 pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
-use self::control::{Peers, Server, was_released};
-use self::counters::{Counters, OPEN_PATIENCE_US};
+use self::control::{Peers, Server};
+use self::counters::{Counters, OPEN_PATIENCE_US, seconds_since_1970};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
@@ -87,8 +89,7 @@ pub fn run(
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    let has_servos = settings.links.iter().any(|link| link.kind.channels().is_some());
-    counters.traffic.operator.is_released.store(has_servos && was_released(&settings.wearer), Relaxed);
+    stay_released(&settings, config.as_deref(), &counters);
     let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
     counters.set_panels(links.panels());
     let loader = Loader::start()?;
@@ -139,7 +140,7 @@ pub fn run(
         loader: loader.clone(),
         counters: shared(),
     };
-    let server = Server::new(socket(), settings.clone(), config, peers);
+    let server = Server::new(socket(), settings.clone(), config.clone(), peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control_thread {
@@ -147,6 +148,7 @@ pub fn run(
     }
     let reloader = Reloader {
         live: settings,
+        config,
         load_settings,
         set_level,
         hot,
@@ -158,6 +160,7 @@ pub fn run(
         asked,
         askers: Vec::new(),
     };
+    reloader.keep_settings();
     let mut supervisor = Supervisor {
         counters: shared(),
         events: heard,
@@ -166,15 +169,37 @@ pub fn run(
         adaptation: Adaptation::default(),
         log: Log::default(),
     };
-    supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished());
+    let has_control = || control_thread.as_ref().map_or(true, |(_, thread)| !thread.is_finished());
+    supervisor.run(|| !sender_thread.is_finished() && !hot_thread.is_finished() && has_control());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender_thread, hot_thread);
-    if let Ok((stop, thread)) = control_thread {
-        drop(stop);
-        ends_before(Instant::now() + DISK_PATIENCE, || thread.is_finished());
-    }
+    let control_ended = control_thread.map_or(Ok(()), |(stop, thread)| end_control(stop, thread));
     supervisor.events.try_iter().for_each(|event| supervisor.log.event(event));
-    ended
+    control_ended.and(ended)
+}
+
+/// Ends the control thread, unless it has ended by itself.
+fn end_control(stop: PipeWriter, thread: JoinHandle<()>) -> Result<(), ServiceError> {
+    drop(stop);
+    if ends_before(Instant::now() + DISK_PATIENCE, || thread.is_finished()) {
+        return thread.join().map_err(|_| ServiceError::Panicked("control thread"));
+    }
+    Ok(())
+}
+
+/// Leaves the servos without pulses if an operator has released them since the machine was started.
+fn stay_released(settings: &Settings, config: Option<&str>, counters: &Counters) {
+    if !settings.links.iter().any(|link| link.kind.channels().is_some()) {
+        return;
+    }
+    let Some(since) = Kept::new(&settings.wearer, config).released_since() else { return };
+    counters.traffic.operator.is_released.store(true, Relaxed);
+    counters.released_unix_s.store(seconds_since_1970(since), Relaxed);
+    let minutes = since.elapsed().unwrap_or_default().as_secs() / 60;
+    tracing::warn!(
+        "an operator released all servos {minutes} min ago: they get no pulses until an operator lets them move again, on the \
+         page of the console or by {{\"do\":\"release\",\"on\":false}} at the control socket"
+    );
 }
 
 /// The profile of the wearer that the settings name, who is then in use. The service runs without it if it does not load.

@@ -13,6 +13,7 @@ use tracing::level_filters::LevelFilter;
 use super::Loader;
 use super::counters::Counters;
 use super::hot::HotChange;
+use super::kept::Kept;
 use super::sender::Links;
 use crate::calibration::model_hash;
 use crate::config::{Faults, Settings};
@@ -83,6 +84,8 @@ impl<T> Mailbox<T> {
 
 pub(super) struct Reloader {
     pub(super) live: Settings,
+    /// The file of the settings.
+    pub(super) config: Option<String>,
     pub(super) load_settings: LoadSettings,
     pub(super) set_level: Box<dyn Fn(LevelFilter)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
@@ -129,6 +132,14 @@ impl Reloader {
         false
     }
 
+    /// Has the loader keep the settings in force, by which `facewire rest` releases servos if later ones have faults.
+    pub(super) fn keep_settings(&self) {
+        let has_servos = self.live.links.iter().any(|link| link.kind.channels().is_some());
+        let Some(config) = self.config.clone().filter(|_| has_servos) else { return };
+        let kept = Kept::new(&self.live.wearer, Some(&config));
+        self.loader.begin(move || kept.keep_settings_of(&config));
+    }
+
     /// Answers all who wait, and keeps the refusal for those who ask later. One who has gone needs no answer.
     fn tell(&mut self, reply: &Reply) {
         let refusal = if let Reply::Refused(why) = reply { Some(why.clone()) } else { None };
@@ -153,6 +164,7 @@ impl Reloader {
         settings.realtime = self.live.realtime.clone();
         (self.set_level)(settings.log.level);
         self.live = settings;
+        self.keep_settings();
         let model = hot.model.as_ref().map(model_hash);
         self.hot.send(hot);
         self.counters.set_panels(links.panels());
@@ -191,8 +203,21 @@ mod tests {
         let (asker, answer) = mpsc::channel();
         let asked = mpsc::channel().1;
         let askers = vec![asker];
-        let mut reloader =
-            Reloader { live, load_settings, set_level, hot, sender, control, counters, loader, change, asked, askers };
+        let config = None;
+        let mut reloader = Reloader {
+            live,
+            config,
+            load_settings,
+            set_level,
+            hot,
+            sender,
+            control,
+            counters,
+            loader,
+            change,
+            asked,
+            askers,
+        };
         reloader.start();
         while reloader.change.is_some() {
             reloader.step();

@@ -127,12 +127,20 @@ impl Sender {
 const LAST_PACKET: Duration = Duration::from_millis(1500);
 
 /// Links in the order of their settings, and what all of them need of the other settings. A link whose format and
-/// receiver stay the same in a reload is carried over with its open port and its packet numbers. In a change that a reload
-/// prepares, a link is `None` if the sender has it.
+/// receiver stay the same in a reload is carried over with its open port and its packet numbers.
 pub(super) struct Links {
     failsafe: FailsafeSettings,
     rate_hz: u32,
-    links: Vec<(LinkSettings, Arc<Panel>, Option<Link>)>,
+    links: Vec<Linked>,
+}
+
+struct Linked {
+    settings: LinkSettings,
+    panel: Arc<Panel>,
+    /// In a change that a reload prepares, a link is `None` if the sender has it.
+    link: Option<Link>,
+    /// That of the link to the same servo board, with other channels, which this one replaces.
+    replaced: Option<Arc<Panel>>,
 }
 
 impl Links {
@@ -140,30 +148,41 @@ impl Links {
     /// link that is the only one: the service then has nothing else to do, and its manager starts it again.
     pub(super) fn change(new: &Settings, mut live: Vec<Arc<Panel>>, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let open = |settings: &LinkSettings| {
+            let settings = settings.clone();
             if let Some(index) = live.iter().position(|panel| panel.kind == settings.kind) {
-                return Ok((settings.clone(), live.remove(index), None));
+                return Ok(Linked { settings, panel: live.remove(index), link: None, replaced: None });
             }
             if new.links.len() == 1 {
-                Link::resolve(settings)?;
+                Link::resolve(&settings)?;
             }
-            let link = Link::open(settings, traffic)?;
-            let panel = Arc::clone(&link.panel);
-            Ok((settings.clone(), panel, Some(link)))
+            let replaced = live.iter().position(|panel| panel.kind.has_same_board(&settings.kind));
+            let replaced = replaced.map(|index| live.remove(index));
+            let link = Link::open(&settings, traffic)?;
+            Ok(Linked { settings, panel: Arc::clone(&link.panel), link: Some(link), replaced })
         };
         let links = new.links.iter().map(open).collect::<Result<_, _>>()?;
         Ok(Self { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links })
     }
 
     pub(super) fn panels(&self) -> Vec<Arc<Panel>> {
-        self.links.iter().map(|(_, panel, _)| Arc::clone(panel)).collect()
+        self.links.iter().map(|linked| Arc::clone(&linked.panel)).collect()
     }
 
-    /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The
-    /// other old links send `last`. This neither allocates nor waits.
+    /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. A link that
+    /// replaces another one to the same servo board goes on where that one is. The other old links send `last`. This neither
+    /// allocates nor waits.
     fn take_over(&mut self, mut old: Self, last: &Output) {
-        for (_, panel, link) in self.links.iter_mut().filter(|(.., link)| link.is_none()) {
-            let same = old.links.iter_mut().find(|(_, live, _)| Arc::ptr_eq(live, panel));
-            *link = same.and_then(|(.., link)| link.take());
+        let mut take = |panel: &Arc<Panel>| {
+            let same = old.links.iter_mut().find(|linked| Arc::ptr_eq(&linked.panel, panel));
+            same.and_then(|linked| linked.link.take())
+        };
+        for linked in &mut self.links {
+            if linked.link.is_none() {
+                linked.link = take(&linked.panel);
+            } else if let Some(replaced) = linked.replaced.take() {
+                linked.panel.dials.begin_at(&replaced.dials);
+                take(&replaced).iter().for_each(Link::hand_over);
+            }
         }
         (0..STOPPING_PACKETS).for_each(|_| old.send_last(last));
         self.each().for_each(|(_, link)| link.refresh());
@@ -191,7 +210,7 @@ impl Links {
     }
 
     fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {
-        self.links.iter_mut().filter_map(|(settings, _, link)| Some((&*settings, link.as_mut()?)))
+        self.links.iter_mut().filter_map(|linked| Some((&linked.settings, linked.link.as_mut()?)))
     }
 }
 
@@ -436,6 +455,36 @@ mod tests {
         eventually("the servo gets pulses", || reloaded.dials.channels[0].place.get().is_some());
         counters.stop();
         sender.join().unwrap();
+    }
+
+    #[test]
+    fn servos_go_on_where_they_are_when_a_reload_changes_their_ends() {
+        let node = UdpSocket::bind("127.0.0.1:0").unwrap();
+        node.set_nonblocking(true).unwrap();
+        let settings = |pulse_at_1_us| {
+            let address = node.local_addr().unwrap();
+            let toml = format!(
+                "[[link]]\nkind = \"artnet\"\naddress = \"{address}\"\n[[link.channel]]\nchannel = 1\nspeed_per_s = 100\n\
+                 sources = {{ jawOpen = 1 }}\npulse_at_1_us = {pulse_at_1_us}\n"
+            );
+            config::parse("test", &toml).unwrap()
+        };
+        let values = || {
+            let mut datagram = [0; 600];
+            std::iter::from_fn(|| node.recv(&mut datagram).ok().map(|_| datagram[18])).collect::<Vec<_>>()
+        };
+        let mut clocked = Clocked::new(&settings(2000));
+        eventually("an open jaw", || {
+            clocked.live();
+            values().last() == Some(&255)
+        });
+        let change =
+            Links::change(&settings(1900), clocked.sender.links.panels(), &clocked.sender.counters.traffic).unwrap();
+        let old = std::mem::replace(&mut clocked.sender.links, change);
+        clocked.sender.links.take_over(old, &clocked.history.last());
+        clocked.live();
+        let shown = values();
+        assert!(shown.iter().all(|value| (229..=230).contains(value)), "neither at rest nor beyond its end: {shown:?}");
     }
 
     #[test]

@@ -4,9 +4,10 @@
 //! Output tensors are preallocated in the run options, so that a run allocates nothing on the Rust heap.
 
 use std::fmt::Display;
-use std::fs::File;
-use std::io::Read as _;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use ort::environment::Environment;
@@ -145,18 +146,54 @@ fn environment(library: &Path) -> Result<Environment, InferError> {
     if let Some(environment) = ENVIRONMENT.get() {
         return Ok(environment.clone());
     }
-    let failed = |reason: String| {
-        let path = library.display();
-        let remedy = remedy(library);
-        InferError(format!("ONNX Runtime cannot be loaded from {path}: {reason}; run {remedy}"))
-    };
-    if !is_whole(library) {
-        return Err(failed("the file is cut short or is not a library".to_owned()));
-    }
+    check_library(library)?;
+    let failed = |reason: String| cannot_load(library, &reason);
     let builder = ort::init_from(library).map_err(|error| failed(one_line(error)))?;
     let environment = builder.with_telemetry(false).build().map_err(|error| failed(one_line(error)))?;
     environment.set_log_level(LogLevel::Error);
     Ok(ENVIRONMENT.get_or_init(|| environment).clone())
+}
+
+fn cannot_load(library: &Path, reason: &str) -> InferError {
+    let path = library.display();
+    InferError(format!("ONNX Runtime cannot be loaded from {path}: {reason}; run {}", remedy(library)))
+}
+
+/// Refuses a library that is damaged, or that other users can change: they would run code as the user of this process.
+fn check_library(library: &Path) -> Result<(), InferError> {
+    let changeable = changeable_by_others(library).map_err(|error| cannot_load(library, &error.to_string()))?;
+    if let Some(place) = changeable {
+        let place = place.display();
+        return Err(InferError(format!(
+            "ONNX Runtime is not loaded from {}, because other users can change {place}: give it to root, and let nobody else \
+             write to it (chown root {place} && chmod go-w {place})",
+            library.display()
+        )));
+    }
+    if !is_whole(library) {
+        return Err(cannot_load(library, "the file is cut short or is not a library"));
+    }
+    Ok(())
+}
+
+/// Returns the first of a file and the folders around it that somebody else than root, the user of this process and its group
+/// owns or may write to. In a folder with the sticky bit, such as /tmp, nobody can replace what belongs to another.
+fn changeable_by_others(file: &Path) -> io::Result<Option<PathBuf>> {
+    const WRITABLE_BY_GROUP: u32 = 0o020;
+    const WRITABLE_BY_ALL: u32 = 0o002;
+    const STICKY: u32 = 0o1000;
+    let own = fs::metadata("/proc/self")?;
+    for place in fs::canonicalize(file)?.ancestors() {
+        let status = fs::metadata(place)?;
+        let has_strange_owner = ![0, own.uid()].contains(&status.uid());
+        let has_strange_group = ![0, own.gid()].contains(&status.gid());
+        let writable = if has_strange_group { WRITABLE_BY_GROUP | WRITABLE_BY_ALL } else { WRITABLE_BY_ALL };
+        let is_sticky = status.is_dir() && status.mode() & STICKY != 0;
+        if has_strange_owner || (status.mode() & writable != 0 && !is_sticky) {
+            return Ok(Some(place.to_owned()));
+        }
+    }
+    Ok(None)
 }
 
 /// Returns whether the file is as long as its ELF header (64 bits, little-endian) says: up to the end of its section table.
@@ -226,12 +263,43 @@ fn one_line(message: impl Display) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+
     use super::*;
 
     #[test]
     fn a_message_becomes_one_line_that_is_cut_at_a_character() {
         assert_eq!(one_line("\nno memory:\r\n\t 4 GB\x1b[31m\u{85}wanted \n"), "no memory: 4 GB [31m wanted");
         assert_eq!(one_line("ü".repeat(500)), "ü".repeat(240));
+    }
+
+    #[test]
+    fn a_library_that_other_users_can_change_is_named() {
+        let set = |path: &Path, mode| fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
+        let top = tempfile::tempdir().unwrap();
+        let folder = top.path().join("networks");
+        fs::create_dir(&folder).unwrap();
+        let library = folder.join(LIBRARY);
+        fs::write(&library, "").unwrap();
+        let link = top.path().join("link");
+        symlink(&library, &link).unwrap();
+        for (path, good, bad) in [(&library, 0o664, 0o646), (&folder, 0o775, 0o757), (&folder, 0o1777, 0o777)] {
+            for named in [&library, &link] {
+                set(path, good);
+                assert_eq!(changeable_by_others(named).unwrap(), None);
+                set(path, bad);
+                let found = changeable_by_others(named).unwrap().unwrap();
+                assert_eq!(found, fs::canonicalize(path).unwrap());
+                set(path, good);
+            }
+        }
+        if std::os::unix::fs::chown(&library, Some(12_345), None).is_ok() {
+            assert_eq!(changeable_by_others(&link).unwrap(), Some(fs::canonicalize(&library).unwrap()));
+        }
+        set(&folder, 0o777);
+        let error = check_library(&library).expect_err("a library that others can change").to_string();
+        assert!(error.contains("other users can change") && error.contains("chmod go-w"), "{error}");
     }
 
     static LIPS: Signature = Signature { name: "lips", input: [16, 16, 32], outputs: &[("points", &[160])] };

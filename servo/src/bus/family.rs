@@ -1,5 +1,8 @@
-//! The families of bus servos: their registers, as data. Sources: Robotis's e-manual, Feetech's FTServo_Python, and the tables
-//! of `LeRobot`.
+//! The families of bus servos: their registers, as data, each with the public manual that it was compared with.
+//!
+//! Robotis describes each model on a page of its own in <https://emanual.robotis.com/docs/en/dxl/>, and lists the registers of
+//! all X models in <https://github.com/ROBOTIS-GIT/dynamixel_hardware_interface> (`param/dxl_model`). Feetech has a table for
+//! each series at <http://doc.feetech.cn>.
 
 mod frame;
 
@@ -16,7 +19,11 @@ const NONE: Field = (0, 0);
 /// What is known of a servo's registers.
 pub type Registers = Vec<u8>;
 /// What a byte must be: its address, the bits that count, the values that they may have, and what to do otherwise.
-type Need = (u8, u8, &'static [u8], &'static str);
+type Need = (u8, u8, &'static [RangeInclusive<u8>], &'static str);
+/// One bit: the address of its byte, and its weight. A weight of 0 stands for a bit that a family does not have.
+type Bit = (u8, u32);
+/// How much finer the fine unit of speed of a Feetech servo is.
+const FINE: u16 = 50;
 /// The Bus Watchdog stops a servo that hears nothing for so many times 20 ms.
 const WATCHDOG: u8 = 25;
 /// What the register of a Bus Watchdog has once the time ran out.
@@ -45,11 +52,18 @@ pub struct Family {
     pub watchdog: Field,
     /// Units of speed and acceleration in steps/s and steps/s², which are the lowest limits, too. 0 if it keeps no such limit.
     pub units: [f32; 2],
-    most_speed: u32,
-    /// Where the servo's own limit of speed is.
-    speed_limit: Field,
-    /// The address of a byte, and its bit that divides the unit of speed by 50 if it is set.
-    fine_speed: (u8, u32),
+    /// Models that have another unit of speed.
+    other_speed_units: &'static [(u32, f32)],
+    /// The highest numbers of these units.
+    most_units: [u32; 2],
+    /// Where the servo's own limits of speed and acceleration are, which no goal may exceed.
+    own_limits: [Field; 2],
+    /// If it is set, the unit of speed is divided by [`FINE`].
+    fine_speed: Bit,
+    /// A speed of 0 means no limit if this bit is set, or if the family does not have it. Otherwise 0 stops the servo.
+    zero_is_no_limit: Bit,
+    /// Whether the servo keeps a limit of acceleration only beside one of speed.
+    needs_speed: bool,
     pub place: Field,
     /// The present voltage, the least and the most, in tenths of a volt.
     volts: [Field; 3],
@@ -67,10 +81,15 @@ const ENCODER: &str = "its position sensor fails: cut its power for a moment, an
 const SHOCK: &str = "its current is too high: cut its power, and check its cable and its motor";
 const OVERLOAD: &str = "it is overloaded: cut its power for a moment, and check its ends, and that nothing holds it";
 
+/// The model that turns eight times as fast as the other MX models.
+const MX_12W: u32 = 360;
+
 /// The families by their names in settings.
 pub const FAMILIES: &[(&str, &Family)] =
     &[(X.name, &X), (AX.name, &AX), (MX.name, &MX), (STS.name, &STS), (SCS.name, &SCS)];
 
+/// <https://emanual.robotis.com/docs/en/dxl/x/xl330-m288/>, and likewise for every other X model and for `mx/mx-28-2`,
+/// `mx/mx-64-2` and `mx/mx-106-2`: all have these registers in the same units.
 const X: Family = Family {
     name: "dynamixel-x",
     protocol: Protocol::Two,
@@ -84,18 +103,23 @@ const X: Family = Family {
     id: (7, 1),
     limits: [(52, 4), (48, 4)],
     needs: &[
-        (11, 0xFF, &[3, 5], "set its operating mode to position control, with the maker's program"),
-        (10, 0b1100, &[0], "set its drive mode to profiles of velocity, without torque on by goal update"),
+        (11, 0xFF, &[3..=3, 5..=5], "set its operating mode to position control, with the maker's program"),
+        (10, 0b1100, &[0..=0], "set its drive mode to profiles of velocity, without torque on by goal update"),
     ],
     torque: (64, 1),
     goal: (108, 12),
     goal_parts: [(116, 4), (112, 4), (108, 4)],
     watchdog: (98, 1),
-    // 0.229 rpm, and 214.577 rev/min².
+    // Profile Velocity (112): 0.229 rpm, 0 to 32,767. Profile Acceleration (108): 214.577 rev/min², 0 to 32,767.
     units: [0.229 * 4096.0 / 60.0, 214.577 * 4096.0 / 3600.0],
-    most_speed: 32_767,
-    speed_limit: (44, 4),
+    other_speed_units: &[],
+    most_units: [32_767, 32_767],
+    // MX models alone have Acceleration Limit (40). The others have 0 there.
+    own_limits: [(44, 4), (40, 4)],
     fine_speed: (0, 0),
+    zero_is_no_limit: (0, 0),
+    // A Profile Velocity of 0 means that there is no profile, and then Profile Acceleration does nothing.
+    needs_speed: true,
     place: (132, 4),
     volts: [(144, 2), (34, 2), (32, 2)],
     celsius_and_load: [(146, 1), (31, 1), NONE],
@@ -103,10 +127,12 @@ const X: Family = Family {
     alarm_bits: [VOLTAGE, "", HEAT, ENCODER, SHOCK, OVERLOAD],
 };
 
+/// <https://emanual.robotis.com/docs/en/dxl/ax/ax-12a/>, and likewise `ax/ax-12w`, `ax/ax-18a`, `rx/rx-24f`, `rx/rx-28` and
+/// `rx/rx-64`.
 const AX: Family = Family {
     name: "dynamixel-ax",
     protocol: Protocol::One,
-    models: &[12..=18, 300..=300, 24..=24, 28..=28, 64..=64],
+    models: &[12..=12, 300..=300, 18..=18, 24..=24, 28..=28, 64..=64],
     degrees_per_step: 300.0 / 1023.0,
     most_steps: 1023,
     reads: &[(0, 14), (24, 20)],
@@ -117,10 +143,11 @@ const AX: Family = Family {
     goal: (30, 4),
     goal_parts: [(30, 2), (32, 2), NONE],
     watchdog: NONE,
-    // 0.111 rpm.
+    // Moving Speed (32): 0.111 rpm, 0 to 1023.
     units: [0.111 * 6.0 * 1023.0 / 300.0, 0.0],
-    most_speed: 1023,
-    speed_limit: NONE,
+    most_units: [1023, 0],
+    own_limits: [NONE; 2],
+    needs_speed: false,
     place: (36, 2),
     volts: [(42, 1), (12, 1), (13, 1)],
     celsius_and_load: [(43, 1), (11, 1), (40, 2)],
@@ -130,16 +157,19 @@ const AX: Family = Family {
     ..X
 };
 
+/// <https://emanual.robotis.com/docs/en/dxl/mx/mx-28/>, and likewise `mx/mx-64`, `mx/mx-106` and `mx/mx-12w`.
 const MX: Family = Family {
     name: "dynamixel-mx",
-    models: &[29..=29, 310..=310, 320..=320, 360..=360],
+    models: &[29..=29, 310..=310, 320..=320, MX_12W..=MX_12W],
     degrees_per_step: 360.0 / 4096.0,
     most_steps: 4095,
-    // 0.114 rpm.
+    // Moving Speed (32): 0.114 rpm, but 0.916 rpm of an MX-12W, 0 to 1023.
     units: [0.114 * 4096.0 / 60.0, 0.0],
+    other_speed_units: &[(MX_12W, 0.916 * 4096.0 / 60.0)],
     ..AX
 };
 
+/// <http://doc.feetech.cn/#/prodinfodownload?srcType=FT-SMS-STS-emanual-229f4476422d4059abfb1cb0>
 const STS: Family = Family {
     name: "feetech-sts",
     models: &[0..=u32::MAX],
@@ -150,16 +180,21 @@ const STS: Family = Family {
     id: (5, 1),
     limits: [(9, 2), (11, 2)],
     needs: &[
-        (2, 0xFF, &[0], "its registers have the high byte first: set family = \"feetech-scs\""),
-        (33, 0xFF, &[0], "set its mode to position, with the maker's program"),
-        (18, 0x10, &[0], "clear bit 4 of its phase, so that it counts no turns, with the maker's program"),
+        (2, 0xFF, &[0..=0], "its registers have the high byte first: set family = \"feetech-scs\""),
+        (3, 0xFF, &[0..=9, 11..=0xFF], "it is of the series HLS, which has other registers: use one of the series STS"),
+        (33, 0xFF, &[0..=0], "set its mode to position, with the maker's program"),
+        (18, 0x10, &[0..=0], "clear bit 4 of its phase, so that it counts no turns, with the maker's program"),
+        (30, 0xFF, &[0..=1], "set its angle resolution to 1, with the maker's program"),
     ],
     torque: (40, 1),
     goal: (41, 7),
     goal_parts: [(42, 2), (46, 2), (41, 1)],
+    // Speed (46): 0.732 rpm, which are 50 steps/s, or 0.0146 rpm with bit 2 of the phase (18). The highest speed of a servo
+    // (84) is one byte in the coarse unit. Acceleration (41): 100 steps/s², 0 to 254.
     units: [50.0, 100.0],
-    most_speed: 32_767,
+    most_units: [0xFF, 254],
     fine_speed: (18, 0b100),
+    zero_is_no_limit: (18, 0b1000),
     place: (56, 2),
     volts: [(62, 1), (15, 1), (14, 1)],
     celsius_and_load: [(63, 1), (13, 1), (60, 2)],
@@ -167,17 +202,22 @@ const STS: Family = Family {
     ..AX
 };
 
+/// <http://doc.feetech.cn/#/prodinfodownload?srcType=FT-SCSCL-emanual-cbcc8ab2e3384282a01d4bf3>
 const SCS: Family = Family {
     name: "feetech-scs",
     is_big_endian: true,
     degrees_per_step: 300.0 / 1023.0,
     most_steps: 1023,
-    reads: &[(0, 16), (40, 26)],
-    needs: &[(2, 0xFF, &[1], "its registers have the low byte first: set family = \"feetech-sts\"")],
+    reads: &[(0, 19), (40, 26)],
+    needs: &[(2, 0xFF, &[1..=1], "its registers have the low byte first: set family = \"feetech-sts\"")],
     goal: (42, 6),
     goal_parts: [(42, 2), (46, 2), NONE],
+    // Speed (46): steps/s. The highest speed of a servo (82) is one byte in 50 steps/s.
     units: [1.0, 0.0],
+    most_units: [50 * 0xFF, 0],
     fine_speed: (0, 0),
+    // Bits 1 and 3 of its status (65) mean nothing.
+    alarm_bits: [VOLTAGE, "", HEAT, "", "", OVERLOAD],
     ..STS
 };
 
@@ -188,6 +228,11 @@ pub fn unknown() -> Registers {
 /// Puts what an answer tells of these registers in their place.
 pub fn store((address, length): Field, answer: &[u8], registers: &mut Registers) {
     registers.iter_mut().skip(address.into()).take(length.into()).zip(answer).for_each(|(to, from)| *to = *from);
+}
+
+/// Returns a limit in units, rounded down so that it is kept, but never to 0, which means no limit.
+fn in_units(limit: f32, unit: f32, most: u32) -> u32 {
+    if limit > 0.0 && limit.is_finite() && most > 0 { ((limit / unit) as u32).clamp(1, most) } else { 0 }
 }
 
 impl Family {
@@ -236,26 +281,53 @@ impl Family {
     }
 
     /// Returns what moves a servo with these registers to a place, in steps, with limits of speed and acceleration, in steps/s
-    /// and steps/s². A limit is rounded down, so that it is kept, but never to 0, which means no limit.
+    /// and steps/s². A servo that would not move at a speed of 0, or not keep its limit of acceleration, gets the highest speed
+    /// in place of no limit.
     pub fn goal(&self, [place, speed, acceleration]: [f32; 3], registers: &Registers) -> Vec<u8> {
-        let limit = |limit: f32, unit: f32, most: u32| match limit {
-            limit if limit > 0.0 && limit.is_finite() => ((limit / unit) as u32).clamp(1, most),
-            _ => 0,
-        };
-        let (mut goal, [least, most]) = (unknown(), self.limits(registers));
-        let most_speed = if self.speed_limit == NONE { u32::MAX } else { self.get(registers, self.speed_limit) };
-        let parts = [
-            (place.round().max(0.0) as u32).min(most).max(least),
-            limit(speed, self.speed_unit(registers), most_speed.clamp(1, self.most_speed)),
-            limit(acceleration, self.units[1], 254),
-        ];
+        let [least, most] = self.limits(registers);
+        let [most_speed, most_acceleration] = self.most_units(registers);
+        let place = (place.round().max(0.0) as u32).min(most).max(least);
+        let acceleration = in_units(acceleration, self.units[1], most_acceleration);
+        let mut speed = in_units(speed, self.speed_unit(registers), most_speed);
+        if speed == 0 && (self.stops_at_0(registers) || self.needs_speed && acceleration > 0) {
+            speed = most_speed;
+        }
+        let mut goal = unknown();
+        let parts = [place, speed, acceleration];
         self.goal_parts.into_iter().zip(parts).for_each(|(field, part)| self.set(&mut goal, field, part));
         goal.into_iter().skip(self.goal.0.into()).take(self.goal.1.into()).collect()
     }
 
+    /// The unit of speed of this servo, in steps/s.
     pub fn speed_unit(&self, registers: &Registers) -> f32 {
-        let is_fine = self.get(registers, (self.fine_speed.0, 1)) & self.fine_speed.1 > 0;
-        if is_fine { self.units[0] / 50.0 } else { self.units[0] }
+        let model = self.model(registers);
+        let other = self.other_speed_units.iter().find(|(other, _)| *other == model);
+        let unit = other.map_or(self.units[0], |(_, unit)| *unit);
+        if self.has(self.fine_speed, registers) { unit / f32::from(FINE) } else { unit }
+    }
+
+    /// The highest numbers of units of speed and acceleration that this servo takes.
+    fn most_units(&self, registers: &Registers) -> [u32; 2] {
+        let [mut speed, mut acceleration] = self.most_units;
+        if self.has(self.fine_speed, registers) {
+            speed *= u32::from(FINE);
+        }
+        let [own_speed, own_acceleration] = self.own_limits.map(|field| self.get(registers, field));
+        if own_speed > 0 {
+            speed = speed.min(own_speed);
+        }
+        if own_acceleration > 0 {
+            acceleration = acceleration.min(own_acceleration);
+        }
+        [speed, acceleration]
+    }
+
+    fn stops_at_0(&self, registers: &Registers) -> bool {
+        self.zero_is_no_limit.1 > 0 && !self.has(self.zero_is_no_limit, registers)
+    }
+
+    fn has(&self, (address, weight): Bit, registers: &Registers) -> bool {
+        self.get(registers, (address, 1)) & weight > 0
     }
 
     /// The lowest and the highest place that the servo allows, and that the family has.
@@ -281,14 +353,14 @@ impl Family {
     }
 
     fn meets(&self, (address, bits, values, _): &Need, registers: &Registers) -> bool {
-        let byte = self.get(registers, (*address, 1)) & u32::from(*bits);
-        values.iter().any(|value| byte == u32::from(*value))
+        let byte = registers.get(usize::from(*address)).map_or(0, |byte| byte & bits);
+        values.iter().any(|values| values.contains(&byte))
     }
 
-    /// Whether the first registers are those of a servo of this family with this number, and of its byte order.
+    /// Whether the first registers are those of a servo of this family with this number, of its byte order and its series.
     pub fn is_of_family(&self, registers: &Registers, id: u8) -> bool {
-        let has_order = self.needs.iter().filter(|need| need.0 == 2).all(|need| self.meets(need, registers));
-        has_order && self.has_model(registers) && self.get(registers, self.id) == u32::from(id)
+        let is_of_series = self.needs.iter().filter(|need| need.0 < 5).all(|need| self.meets(need, registers));
+        is_of_series && self.has_model(registers) && self.get(registers, self.id) == u32::from(id)
     }
 
     /// Why a servo with these registers is not moved, if there is a reason.

@@ -56,10 +56,18 @@ impl Servo {
         self.family.get(&self.registers, self.family.torque) > 0
     }
 
-    /// The place and the speed of its goal, steps and steps a second. A speed of 0 has no limit.
+    /// The place and the speed of its goal, steps and steps a second.
     fn goal(&self) -> [f64; 2] {
         let [place, speed, _] = self.family.goal_parts.map(|field| f64::from(self.family.get(&self.registers, field)));
         [place, speed * f64::from(self.family.speed_unit(&self.registers))]
+    }
+
+    /// How fast it turns to its goal, steps a second. At a speed of 0, a Feetech servo without bit 3 of its phase stands still,
+    /// and all others turn as fast as they can.
+    fn turn(&self) -> f64 {
+        let [_, speed] = self.goal();
+        let stands_still = self.family.name.starts_with("feetech") && self.registers[18] & 0b1000 == 0;
+        if speed > 0.0 || stands_still { speed.min(self.motor) } else { self.motor }
     }
 
     fn has_tripped(&self) -> bool {
@@ -74,8 +82,8 @@ impl Servo {
             family.set(&mut self.registers, family.watchdog, 0xFF);
         }
         if self.has_torque() && !self.has_tripped() {
-            let [goal, speed] = self.goal();
-            let most = if speed > 0.0 { speed.min(self.motor) } else { self.motor } * step_s;
+            let [goal, _] = self.goal();
+            let most = self.turn() * step_s;
             self.place += (goal - self.place).clamp(-most, most);
         }
         family.set(&mut self.registers, family.place, self.place.round() as u32);

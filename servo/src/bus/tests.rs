@@ -170,6 +170,97 @@ fn every_frame_equals_the_vectors_of_the_makers() {
 }
 
 #[test]
+fn limits_are_counted_in_the_units_of_each_model_and_never_exceed_what_its_manual_allows() {
+    // By the makers' manuals, and not by the table: the unit of speed in revolutions a minute, and the highest number.
+    let x = (0.229, 32_767);
+    let ax = (0.111, 1023);
+    let mx = (0.114, 1023);
+    for (family, model, (rpm, most)) in [
+        (MX, 360, (0.916, 1023)),
+        (X, 1200, x),
+        (X, 1060, x),
+        (X, 1020, x),
+        (X, 1310, x),
+        (X, 30, x),
+        (X, 321, x),
+        (AX, 12, ax),
+        (AX, 18, ax),
+        (AX, 300, ax),
+        (AX, 24, ax),
+        (AX, 28, ax),
+        (AX, 64, ax),
+        (MX, 29, mx),
+        (MX, 310, mx),
+        (MX, 320, mx),
+        (STS, 777, (0.732, 255)),
+        (STS, 2825, (0.732, 255)),
+        (SCS, 1284, (60.0 / 1023.0 * 300.0 / 360.0, 12_750)),
+    ] {
+        let mut registers = unknown();
+        family.set(&mut registers, family.model, model);
+        assert_eq!(family.refusal(&registers, [0.0; 2]).filter(|why| why.contains("model")), None);
+        let number = |units: f32| {
+            let steps_per_s = units * rpm * 6.0 / family.degrees_per_step;
+            let mut goal = unknown();
+            store(family.goal, &family.goal([0.0, steps_per_s, 0.0], &registers), &mut goal);
+            family.get(&goal, family.goal_parts[1])
+        };
+        let most_units = most as f32;
+        assert_eq!([0.5, 10.5, 2.0 * most_units].map(number), [1, 10, most], "{} {model}", family.name);
+    }
+    // An acceleration of an X has 15 bits, and one of an STS a byte. A servo's own limits apply.
+    let acceleration = |family: &Family, registers: &Registers, limit| {
+        let mut goal = unknown();
+        store(family.goal, &family.goal([0.0, 1000.0, limit], registers), &mut goal);
+        family.get(&goal, family.goal_parts[2])
+    };
+    let mut registers = unknown();
+    assert_eq!([1e5, 1e9].map(|limit| acceleration(X, &registers, limit)), [409, 32_767]);
+    assert_eq!([1e4, 1e9].map(|limit| acceleration(STS, &registers, limit)), [100, 254]);
+    store((40, 4), &200_u32.to_le_bytes(), &mut registers);
+    assert_eq!(acceleration(X, &registers, 1e5), 200);
+    // The fine unit of an STS is a fiftieth.
+    let mut registers = unknown();
+    store((18, 1), &[0b100], &mut registers);
+    let speeds = [60.0, 1e9].map(|speed| STS.goal([0.0, speed, 0.0], &registers)[5..7].to_vec());
+    assert_eq!(speeds, [60_u16, 12_750].map(|speed| speed.to_le_bytes().to_vec()));
+}
+
+#[test]
+fn an_x_with_a_limit_of_acceleration_alone_gets_the_highest_speed_that_it_allows_so_that_it_keeps_the_limit() {
+    let goal = |speed_limit: u32, limits: [f32; 2]| {
+        let mut registers = unknown();
+        store((44, 4), &speed_limit.to_le_bytes(), &mut registers);
+        let [speed, acceleration] = limits;
+        let goal = X.goal([0.0, speed, acceleration], &registers);
+        [&goal[4..8], &goal[..4]].map(|number| u32::from_le_bytes(number.try_into().unwrap()))
+    };
+    // 0.229 rpm are 15.6 steps/s, and 214.577 rev/min² are 244 steps/s².
+    for none in [0.0, f32::INFINITY, f32::NAN] {
+        assert_eq!(goal(445, [none, 1000.0]), [445, 4]);
+        assert_eq!(goal(0, [none, 1000.0]), [32_767, 4]);
+        assert_eq!(goal(445, [none; 2]), [0, 0], "without limits there is no profile");
+        assert_eq!(goal(445, [1000.0, none]), [63, 0]);
+    }
+    // An STS keeps it at a speed of 0, too.
+    let mut registers = unknown();
+    store((18, 1), &[0b1100], &mut registers);
+    assert_eq!(STS.goal([0.0, 0.0, 1000.0], &registers), [10, 0, 0, 0, 0, 0, 0]);
+}
+
+#[test]
+fn feetech_servos_without_a_limit_of_speed_move_whether_or_not_a_speed_of_0_stops_them() {
+    for (family, phase) in [STS, SCS].into_iter().flat_map(|family| [0, 0b100, 0b1000, 0b1100].map(|it| (family, it))) {
+        let mut rig = Rig::of_three(family);
+        rig.bus.servos.iter_mut().for_each(|servo| servo.registers[18] = phase);
+        assert_eq!((rig.run(4.0).servos(), &*rig.line.troubles()), (OPEN.to_vec(), ""), "{} {phase}", family.name);
+        rig.jaw_open = 0.0;
+        rig.run(0.1);
+        assert_eq!(rig.servos()[1..], [(true, 700.0), (true, 300.0)], "{} {phase}: without a limit", family.name);
+    }
+}
+
+#[test]
 fn answers_are_found_in_any_pieces_among_noise_and_those_with_a_wrong_bit_are_damaged() {
     for (protocol, answer, id, error, data) in [
         (Protocol::Two, "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0", 1, 0, "A6 00 00 00"),
@@ -239,13 +330,19 @@ fn without_a_face_servos_go_to_rest_and_stay_or_have_no_torque_and_an_operator_t
         // In mid move, all at once.
         rig.jaw_open = 0.0;
         rig.run(0.2);
+        assert!(!rig.line.board.dials.has_released());
         rig.operator.is_released.store(true, Relaxed);
         let servos = rig.run(0.02).servos();
         assert!(servos.iter().all(|servo| !servo.0) && (301.0..699.0).contains(&servos[0].1), "{servos:?}");
         // Somebody turns it, and it begins there.
         (rig.jaw_open, rig.bus.servos[2].place) = (1.0, 400.0);
         assert_eq!(rig.run(1.0).servos()[2], (false, 400.0));
-        rig.operator.is_released.store(false, Relaxed);
+        assert!(rig.line.board.dials.has_released(), "all three were read without torque");
+        rig.bus.servos[1].answers_after = None;
+        assert!(!rig.run(1.0).line.board.dials.has_released(), "one has fallen silent");
+        rig.bus.servos[1].answers_after = rig.bus.servos[0].answers_after;
+        rig.run(1.0).operator.is_released.store(false, Relaxed);
+        assert!(!rig.run(0.1).line.board.dials.has_released());
         assert_eq!(rig.run(3.0).servos(), OPEN);
         rig.assert_slow_start(7);
     }
@@ -258,12 +355,14 @@ fn a_servo_that_is_missing_duplicated_damaged_or_refused_is_told_and_left_withou
     let damaged: fn(&mut Rig) = |rig| rig.bus.servos[1].is_damaged = true;
     let unlimited: fn(&mut Rig) = |rig| rig.bus.servos[1].registers[9..13].fill(0);
     let set = |address: usize, byte: u8| move |rig: &mut Rig| rig.bus.servos[1].registers[address] = byte;
-    let cases: [(_, &dyn Fn(&mut Rig), _); 9] = [
+    let cases: [(_, &dyn Fn(&mut Rig), _); 11] = [
         (X, &never, "it does not answer: check its power"),
         (STS, &damaged, "its answers are damaged: check"),
         (X, &twice, "two servos have this number: unplug one"),
         (SCS, &twice, "two servos have this number: unplug one"),
         (STS, &set(2, 1), "its registers have the high byte first: set family = \"feetech-scs\""),
+        (STS, &set(3, 10), "it is of the series HLS, which has other registers: use one of the series"),
+        (STS, &set(30, 4), "set its angle resolution to 1, with the maker's"),
         (X, &set(11, 1), "set its operating mode to position control, with the maker's"),
         (AX, &set(0, 29), "its model 29 is not one of dynamixel-ax: set another family"),
         (MX, &set(9, 0), "an end is at 700 steps, but the servo allows 0 to 255: change the"),
@@ -274,7 +373,7 @@ fn a_servo_that_is_missing_duplicated_damaged_or_refused_is_told_and_left_withou
         for seconds in [0.0, 3.0] {
             let mut rig = Rig::of_three(family);
             rig.run(seconds);
-            if seconds > 0.0 && want.contains("set") || want.contains("change") {
+            if seconds > 0.0 && ["set", "change", "HLS"].iter().any(|word| want.contains(word)) {
                 rig.restart(1);
             }
             fault(&mut rig);
@@ -442,7 +541,8 @@ fn an_alarm_is_told_and_a_dynamixel_x_that_stopped_itself_gets_nothing_more() {
         (X, 1 << 5, "it is overloaded"),
         (AX, 1 << 2, "it is too hot"),
         (STS, 1 << 5, "it is overloaded"),
-        (SCS, 1 << 1, "its position sensor fails"),
+        (STS, 1 << 1, "its position sensor fails"),
+        (SCS, 1 << 5, "it is overloaded"),
     ] {
         let mut rig = Rig::of_three(family);
         rig.run(3.0);
@@ -492,11 +592,46 @@ fn volts_degrees_and_the_load_in_either_direction_from_0_to_1_are_shown_as_far_a
             registers[celsius] = 41;
             load.into_iter().for_each(|at: usize| registers[at..at + 2].copy_from_slice(&told));
             rig.run(1.0);
-            let shown = rig.line.board.dials.channels[1].health.each_ref().map(crate::Number::get);
+            let dial = &rig.line.board.dials.channels[1];
+            let shown = dial.health.each_ref().map(crate::Number::get);
             assert_eq!(shown[1..3], [Some(41.0), load.map(|_| want)], "{} {told:?}", family.name);
             assert!(shown[0].is_some_and(|volts| (5.0..13.0).contains(&volts)), "{}: {shown:?}", family.name);
         }
     }
+}
+
+#[test]
+fn a_servo_shows_the_position_where_it_is_even_beyond_its_ends_and_nothing_once_it_does_not_answer_or_is_not_read() {
+    for family in ALL {
+        let mut rig = Rig::of_three(family);
+        let dials = Arc::clone(&rig.line.board.dials);
+        let measured = |index: usize| dials.channels[index].measured.get();
+        assert_eq!(measured(1), None, "{}: it was not read yet", family.name);
+        rig.run(0.5).operator.is_released.store(true, Relaxed);
+        rig.run(0.1);
+        // The second one runs backwards, from 700 to 300.
+        for (place, want) in [(600.0, 0.25), (300.0, 1.0), (250.0, 1.125)] {
+            rig.bus.servos[1].place = place;
+            rig.run(0.5);
+            assert_eq!(measured(1), Some(want), "{}", family.name);
+        }
+        rig.bus.servos[1].answers_after = None;
+        rig.run(2.0);
+        assert_eq!((measured(1), measured(0).is_some()), (None, true), "{}", family.name);
+        drop(rig);
+        assert_eq!(measured(0), None, "{}", family.name);
+    }
+}
+
+#[test]
+fn a_servo_with_a_name_is_called_by_it_beside_its_number() {
+    let named = ChannelSettings { name: "left brow".to_owned(), ..channel(3, 300.0, 700.0) };
+    let mut rig = Rig::new(STS, &[channel(2, 300.0, 700.0), named]);
+    rig.bus.servos.iter_mut().for_each(|servo| servo.answers_after = None);
+    let told = rig.run(2.0).line.troubles();
+    let lines: Vec<_> = told.lines().map(|line| line.split(": ").next().unwrap()).collect();
+    assert_eq!(lines, ["servo 2", "servo 3 (left brow)"]);
+    assert_eq!(rig.line.board.dials.channels[1].name, "left brow");
 }
 
 #[test]

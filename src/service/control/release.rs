@@ -1,48 +1,82 @@
 //! Releases all servos, or has them follow the face again.
 
-use std::fs::{self, DirBuilder};
-use std::io;
-use std::os::unix::fs::DirBuilderExt as _;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, Instant, SystemTime};
 
 use facewire_packet::control::Reply;
 
 use super::{Peers, Task};
-use crate::calibration::Store;
-use crate::config::WearerSettings;
+use crate::link::Panel;
+use crate::service::counters::seconds_since_1970;
+use crate::service::kept::Kept;
 
-/// This file beside the profiles holds the boot identifier if an operator has released all servos since that boot.
-const RELEASED: &str = "released";
-const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+/// How long a client waits for boards to acknowledge a release.
+pub(super) const ACKNOWLEDGEMENT_PATIENCE: Duration = Duration::from_millis(250);
 
-/// Whether an operator has released all servos since the machine was started.
-pub(in crate::service) fn was_released(wearer: &WearerSettings) -> bool {
-    let released_in = fs::read(Store::new(&wearer.folder).folder().join(RELEASED));
-    released_in.is_ok_and(|boot| fs::read(BOOT_ID).is_ok_and(|now| now == boot))
-}
-
-fn note_released(folder: &Path, on: bool) -> io::Result<()> {
-    DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    fs::write(folder.join(RELEASED), if on { fs::read(BOOT_ID)? } else { Vec::new() })
-}
-
-/// The client waits until the sender has obeyed.
-pub(super) fn release(on: bool, peers: &Peers, wearer: &WearerSettings) -> Task {
+/// The client waits until the sender has obeyed, and all servo boards have acknowledged a release or the patience with them
+/// has ended.
+pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     let operator = Arc::clone(&peers.counters.traffic.operator);
+    if !(on && operator.is_released.load(Relaxed)) {
+        peers.counters.released_unix_s.store(seconds_since_1970(SystemTime::now()), Relaxed);
+    }
     operator.is_released.store(on, Relaxed);
     peers.sender.unpark();
-    let store = Store::new(&wearer.folder);
     peers.loader.begin(move || {
-        if let Err(error) = note_released(store.folder(), on) {
+        if let Err(error) = kept.keep_released(on) {
             tracing::warn!("a restarted service will not know whether servos are released: {error}");
         }
     });
-    let done = if on { "servos get no pulses" } else { "servos follow the face again" };
-    tracing::info!("{done}, as an operator wants it");
+    if !on {
+        let done = "servos follow the face again";
+        tracing::info!("{done}, as an operator wants it");
+        return Task::Wait(Box::new(move || {
+            let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
+            is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
+        }));
+    }
+    tracing::info!("an operator releases all servos");
+    let counters = Arc::clone(&peers.counters);
+    let end = Instant::now() + ACKNOWLEDGEMENT_PATIENCE;
     Task::Wait(Box::new(move || {
-        let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
-        is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
+        let boards = counters.panels().into_iter().filter(|panel| panel.moves_servos());
+        let (reached, missed): (Vec<_>, Vec<_>) = boards.partition(|panel| panel.dials.has_released());
+        let is_told = operator.told_released.load(Relaxed);
+        let is_over = (is_told && missed.is_empty()) || Instant::now() >= end;
+        is_over.then(|| (outcome(is_told, &reached, &missed), Vec::new()))
     }))
+}
+
+/// What the operator must know: which boards have not acknowledged the release, and which ones cannot.
+fn outcome(is_told: bool, reached: &[Arc<Panel>], missed: &[Arc<Panel>]) -> Reply {
+    if !is_told {
+        tracing::warn!("servos are not released: the thread that sends is stuck");
+        return Reply::Refused(
+            "the service is stuck. Switch the supply of the servos off, and restart the service".to_owned(),
+        );
+    }
+    if !missed.is_empty() {
+        let named = missed.iter().map(|panel| match panel.trouble() {
+            Some(trouble) => format!("{} ({trouble})", panel.name()),
+            None => format!("{} (it does not answer)", panel.name()),
+        });
+        let named = named.collect::<Vec<_>>().join(", ");
+        tracing::warn!("servos are not released: {named}");
+        return Reply::Refused(format!(
+            "not reached: {named}. Switch the supply of these servos off. They are released as soon as they are reached; all \
+             others get no pulses"
+        ));
+    }
+    let is_silent = |panel: &&Arc<Panel>| !panel.kind.acknowledges();
+    let (silent, sure): (Vec<_>, Vec<_>) = reached.iter().partition(is_silent);
+    let mut done = Vec::new();
+    if !sure.is_empty() || silent.is_empty() {
+        done.push("servos get no pulses".to_owned());
+    }
+    done.extend(silent.iter().map(|panel| {
+        let effect = panel.kind.at_stop().unwrap_or_default();
+        format!("{}: {effect}; it cannot confirm that", panel.name())
+    }));
+    Reply::Done(done.join(". "))
 }

@@ -219,6 +219,41 @@ fn a_disk_that_takes_a_profile_slowly_holds_up_no_release() {
 }
 
 #[test]
+fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() {
+    let mut rig = Rig::new();
+    let jaw = "[[link.channel]]\nchannel = 1\nsources = { jawOpen = 1 }\n";
+    let links = ["kind = \"maestro\"\ndevice = \"/dev/away\"", "kind = \"artnet\"\naddress = \"127.0.0.1:9\""];
+    let toml: String = links.iter().map(|link| format!("[[link]]\n{link}\n{jaw}")).collect();
+    let settings = config::parse("test", &toml).unwrap();
+    let links = Links::change(&settings, Vec::new(), &rig.server.peers.counters.traffic).unwrap();
+    let [away, node] = links.panels().try_into().unwrap();
+    rig.server.peers.counters.set_panels(links.panels());
+    let answer = |rig: &mut Rig| {
+        let mut answers = rig.begin(Request::Release { on: true });
+        let mut answer = None;
+        eventually("an answer", || {
+            rig.server.serve();
+            answer = answers.next();
+            answer.is_some()
+        });
+        answer
+    };
+    let Some(Reply::Refused(stuck)) = answer(&mut rig) else { panic!("nobody has told the links") };
+    assert!(stuck.contains("stuck"), "{stuck}");
+    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    node.dials.note_released(true);
+    let Some(Reply::Refused(missed)) = answer(&mut rig) else { panic!("a board is away") };
+    assert!(
+        missed.contains("maestro /dev/away") && missed.contains("supply") && !missed.contains("artnet"),
+        "{missed}"
+    );
+    away.dials.note_released(true);
+    let Some(Reply::Done(done)) = answer(&mut rig) else { panic!("both have acknowledged it") };
+    assert!(done.starts_with("servos get no pulses. artnet 127.0.0.1:9, universe 0"), "{done}");
+    assert!(done.ends_with(": they hold their last values, with power; it cannot confirm that"), "{done}");
+}
+
+#[test]
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     for (folder_mode, mode) in [(None, 0o600), (Some(0o710), 0o660), (Some(0o755), 0o600)] {
         let mut rig = Rig::new();
@@ -354,7 +389,8 @@ fn watchers_are_shown_the_newest_packet_and_one_that_does_not_read_holds_up_no_o
 #[test]
 fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
     let mut rig = Rig::new();
-    let channels = "[[link.channel]]\nchannel = 3\noffset = 0.25\n[[link.channel]]\nchannel = 1\n";
+    let channels =
+        "[[link.channel]]\nchannel = 3\nname = \"left brow\"\noffset = 0.25\n[[link.channel]]\nchannel = 1\n";
     let toml = format!("[[link]]\naddress = \"127.0.0.1:9\"\n[[link]]\nkind = \"pca9685\"\nbus = 255\n{channels}");
     let counters = &rig.server.peers.counters;
     let settings = config::parse("test", &toml).unwrap();
@@ -373,6 +409,7 @@ fn state_shows_every_link_with_its_counts_its_trouble_and_its_channels() {
     assert!(servos.trouble.as_ref().unwrap().contains("no /dev/i2c bus") && !servos.open, "{servos:?}");
     let shown = |channel: &ChannelStatus| (channel.number, channel.target, channel.position, channel.pulse_us);
     assert!(servos.channels.iter().map(shown).eq([(1, Some(0.0), Some(0.0), None), (3, Some(0.25), Some(0.25), None)]));
+    assert!(servos.channels.iter().map(|channel| channel.name.as_deref()).eq([None, Some("left brow")]));
     assert!(status.metrics.ends_with("# EOF\n") && !status.released && !status.driven);
 }
 
@@ -541,12 +578,13 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
     let mut release = rig.ask(Request::Release { on: true });
     rig.server.serve();
     assert!(release.next().is_none(), "the links have not been told");
-    assert!(was_released(&rig.server.settings.wearer), "a restarted service would give servos pulses");
+    let kept = Kept::new(&rig.server.settings.wearer, None);
+    assert!(kept.released_since().is_some(), "a restarted service would give servos pulses");
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
     rig.server.serve();
     assert!(matches!(release.next(), Some(Reply::Done(_))));
     rig.ask(Request::Release { on: false });
-    assert!(!was_released(&rig.server.settings.wearer), "a restarted service would give servos no pulses");
+    assert!(kept.released_since().is_none(), "a restarted service would give servos no pulses");
     let outcome = Reply::Refused("test:1: not valid TOML".to_owned());
     rig.reloads.try_iter().for_each(|asker| drop(asker.send(outcome.clone())));
     rig.server.serve();

@@ -25,6 +25,30 @@ fn a_puppet_comes_and_goes_without_a_jump_and_the_face_is_then_followed_at_once_
     assert_eq!(run.pose_after(FRAME_US, &all(0.9)).pose.coefficients[0], 0.9);
 }
 
+#[test]
+fn after_a_pause_of_the_process_the_face_moves_no_farther_than_in_100_ms() {
+    const MOST: f32 = SLEW_PER_S * 0.1 + 1e-6;
+    for pause_ms in [0, 100, 350, 800, 1000, 60_000] {
+        let moved = |run: &mut Run, news: Option<News>| {
+            let before = run.history.output.pose.coefficients[0];
+            run.now_us += pause_ms * MS;
+            (run.news(news).pose.coefficients[0] - before).abs()
+        };
+        let mut lost = Run::live(&all(1.0));
+        let on_the_way_to_neutral = moved(&mut lost, None);
+        assert!(on_the_way_to_neutral <= MOST, "{on_the_way_to_neutral} after {pause_ms} ms without news");
+        let mut puppet = Run::live(&all(0.0));
+        puppet.history.hears_puppet = true;
+        let capture_us = puppet.now_us + pause_ms * MS;
+        let on_the_way_to_a_puppet = moved(&mut puppet, Some(Ok((all(1.0), capture_us))));
+        assert!(on_the_way_to_a_puppet <= MOST, "{on_the_way_to_a_puppet} after {pause_ms} ms to a puppet");
+        let mut stopping = Run::live(&all(1.0));
+        stopping.now_us += pause_ms * MS;
+        let stopped = stopping.failsafe.stop(&mut stopping.history, stopping.now_us);
+        assert!(1.0 - stopped.pose.coefficients[0] <= MOST, "{pause_ms} ms before the service stops");
+    }
+}
+
 struct Run {
     failsafe: Failsafe,
     history: History,
@@ -112,8 +136,11 @@ fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms_after_
         assert!(fastest(&outputs, MS) <= most_per_s * 1.001, "{what}: {}", fastest(&outputs, MS));
         assert_eq!(outputs.last().unwrap().pose, all(1.0).neutral_here(), "{what}");
     }
-    let output = Run::live(&all(1.0)).wait(1000 * MS);
-    assert_eq!((output.state, output.pose), (State::Neutral, all(1.0).neutral_here()), "without an update before");
+    // After a pause of the process, the way to neutral begins at once.
+    let mut run = Run::live(&all(1.0));
+    let outputs = [1000, 100, 100].map(|ms| run.wait(ms * MS));
+    assert_eq!(outputs.each_ref().map(|output| output.state), [State::Decay, State::Decay, State::Neutral]);
+    assert_eq!(outputs[2].pose, all(1.0).neutral_here());
 }
 
 #[test]

@@ -1,0 +1,74 @@
+//! Releases the servos of links that no service moves.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use facewire_packet::{Pose, Reason, State};
+
+use super::{Link, Output, Rates, Traffic};
+use crate::capture::monotonic_us;
+use crate::config::LinkSettings;
+
+/// How long the boards have to acknowledge the release. Reading 30 bus servos takes a quarter of a second.
+const PATIENCE: Duration = Duration::from_millis(1500);
+/// How long an acknowledged board has to close its device.
+const CLOSING: Duration = Duration::from_millis(1500);
+const PERIOD: Duration = Duration::from_millis(3);
+const RATES: Rates = Rates { send_hz: 40, slew_per_s: 1.0 };
+const NEUTRAL: Output = Output {
+    state: State::Neutral,
+    reason: Reason::None,
+    pose: Pose::NEUTRAL,
+    age_us: u64::MAX,
+    capture_us: 0,
+    followed: false,
+    moving: false,
+    is_puppet: false,
+};
+
+/// Takes pulses and torque from the servos of these links, and returns for each link with a servo board whether the board has
+/// acknowledged that, or a sentence that says why not. Nodes of DMX hold or drop their servos by themselves when their stream
+/// ends.
+pub fn release_servos(settings: &[LinkSettings]) -> Vec<(String, Result<(), String>)> {
+    let traffic = Arc::<Traffic>::default();
+    traffic.operator.is_released.store(true, Relaxed);
+    let boards = settings.iter().filter(|link| link.kind.channels().is_some() && link.kind.universe().is_none());
+    let mut links: Vec<_> = boards.map(|settings| (settings, Link::open(settings, &traffic))).collect();
+    let end = Instant::now() + PATIENCE;
+    loop {
+        let mut is_over = true;
+        for (settings, link) in &mut links {
+            if let Ok(link) = link {
+                link.offer(settings, RATES, monotonic_us(), &NEUTRAL);
+                is_over &= link.panel.dials.has_released();
+            }
+        }
+        if is_over || Instant::now() >= end {
+            break;
+        }
+        thread::sleep(PERIOD);
+    }
+    let outcomes =
+        links.iter().map(|(settings, link)| (settings.to_string(), outcome(settings, link.as_ref()))).collect();
+    close(links.into_iter().filter_map(|(_, link)| link.ok()).collect());
+    outcomes
+}
+
+fn outcome(settings: &LinkSettings, link: Result<&Link, &super::LinkError>) -> Result<(), String> {
+    let trouble = match link {
+        Ok(link) if link.panel.dials.has_released() => return Ok(()),
+        Ok(link) => link.panel.trouble().unwrap_or_else(|| format!("{settings}: it does not answer")),
+        Err(error) => error.message.clone(),
+    };
+    Err(format!("link {trouble}; switch the supply of its servos off"))
+}
+
+fn close(links: Vec<Link>) {
+    links.iter().for_each(Link::stop);
+    let end = Instant::now() + CLOSING;
+    while !links.iter().all(Link::has_ended) && Instant::now() < end {
+        thread::sleep(PERIOD);
+    }
+}

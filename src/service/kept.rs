@@ -1,0 +1,148 @@
+//! What a service keeps on the disk for its next start: whether an operator has released all servos, and the last settings that
+//! were good.
+//!
+//! The files are in the folder of the wearers' profiles. Each service has its own, which are named after its file of settings,
+//! so that several services of one user do not obey each other's operators.
+
+use std::fs::{self, DirBuilder};
+use std::io;
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use crate::calibration::{Store, replace_file};
+use crate::config::WearerSettings;
+
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
+/// The name of a service without a file of settings.
+const DEFAULT_NAME: &str = "defaults";
+/// Longest part of a path that names a file. A name on Linux has 255 bytes at most.
+const LONGEST_NAME_BYTES: usize = 200;
+
+#[derive(Debug, Clone)]
+pub struct Kept {
+    folder: PathBuf,
+    name: String,
+}
+
+impl Kept {
+    /// What the service with this file of settings keeps in the folder of `wearer`.
+    #[must_use]
+    pub fn new(wearer: &WearerSettings, config: Option<&str>) -> Self {
+        Self {
+            folder: Store::new(&wearer.folder).folder().to_owned(),
+            name: config.map_or(DEFAULT_NAME.to_owned(), name),
+        }
+    }
+
+    /// When an operator has released all servos, if that was since the machine was started and nobody has undone it.
+    #[must_use]
+    pub fn released_since(&self) -> Option<SystemTime> {
+        let path = self.released();
+        let boot = fs::read(&path).ok()?;
+        let is_of_this_boot = fs::read(BOOT_ID).is_ok_and(|now| now == boot);
+        is_of_this_boot.then(|| fs::metadata(&path).and_then(|file| file.modified()).unwrap_or(UNIX_EPOCH))
+    }
+
+    pub fn keep_released(&self, is_released: bool) -> io::Result<()> {
+        if is_released {
+            return self.replace(&self.released(), &fs::read(BOOT_ID)?);
+        }
+        match fs::remove_file(self.released()) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// The text of the last settings with which this service has run.
+    #[must_use]
+    pub fn settings(&self) -> Option<String> {
+        fs::read_to_string(self.good_settings()).ok()
+    }
+
+    /// Keeps the settings in this file, which are in force. A failure is logged.
+    pub fn keep_settings_of(&self, config: &str) {
+        let kept = fs::read_to_string(config).and_then(|text| self.keep_settings(&text));
+        if let Err(error) = kept {
+            tracing::warn!(
+                "the settings are not kept ({error}): if they have faults later, `facewire rest` cannot release servos by them"
+            );
+        }
+    }
+
+    /// Keeps the text of settings that are in force, unless it is already kept.
+    pub fn keep_settings(&self, text: &str) -> io::Result<()> {
+        if self.settings().as_deref() == Some(text) {
+            return Ok(());
+        }
+        self.replace(&self.good_settings(), text.as_bytes())
+    }
+
+    fn released(&self) -> PathBuf {
+        self.folder.join(format!("released@{}", self.name))
+    }
+
+    fn good_settings(&self) -> PathBuf {
+        self.folder.join(format!("settings@{}", self.name))
+    }
+
+    fn replace(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        DirBuilder::new().recursive(true).mode(0o700).create(&self.folder)?;
+        replace_file(path, bytes)
+    }
+}
+
+/// The end of the absolute path, with a + in place of each slash.
+fn name(config: &str) -> String {
+    let path = fs::canonicalize(config).or_else(|_| std::path::absolute(config)).unwrap_or_else(|_| config.into());
+    let name = path.to_string_lossy().replace('/', "+");
+    let start = name.len().saturating_sub(LONGEST_NAME_BYTES);
+    let start = (start..name.len()).find(|at| name.is_char_boundary(*at)).unwrap_or(0);
+    name.get(start..).unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wearer(folder: &Path) -> WearerSettings {
+        WearerSettings { folder: folder.join("state").to_str().unwrap().to_owned(), ..WearerSettings::default() }
+    }
+
+    #[test]
+    fn each_service_keeps_its_own_release_and_settings_until_they_are_undone_or_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let wearer = wearer(folder.path());
+        let [head, hand, none] = [Some("/etc/facewire/head.toml"), Some("/etc/facewire/hand.toml"), None]
+            .map(|config| Kept::new(&wearer, config));
+        for one in [&head, &none] {
+            assert!(one.released_since().is_none());
+            one.keep_released(true).unwrap();
+            let age = one.released_since().unwrap().elapsed().unwrap_or_default();
+            assert!(age.as_secs() < 60, "{age:?}");
+            assert!(hand.released_since().is_none(), "another service");
+            one.keep_released(false).unwrap();
+            one.keep_released(false).unwrap();
+            assert!(one.released_since().is_none());
+        }
+        head.keep_settings("log.level = \"info\"").unwrap();
+        head.keep_settings("log.level = \"warn\"").unwrap();
+        assert_eq!(head.settings().as_deref(), Some("log.level = \"warn\""));
+        assert_eq!((hand.settings(), none.settings()), (None, None));
+        let kept = fs::read_dir(folder.path().join("state")).unwrap();
+        let names: Vec<_> = kept.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        assert_eq!(names, ["settings@+etc+facewire+head.toml"], "nothing else is left");
+    }
+
+    #[test]
+    fn a_release_before_the_last_start_of_the_machine_is_forgotten_and_a_long_path_names_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let wearer = wearer(folder.path());
+        let long = format!("/{}/ü.toml", "ä".repeat(300));
+        let kept = Kept::new(&wearer, Some(&long));
+        kept.keep_released(true).unwrap();
+        assert!(kept.released_since().is_some() && kept.name.ends_with("+ü.toml"));
+        fs::write(kept.released(), "another boot\n").unwrap();
+        assert!(kept.released_since().is_none());
+    }
+}

@@ -1,7 +1,7 @@
 // The frame around all pages: where to go, the state, the stop of all servos, and what everybody must know at once.
 
 import { html, render, useEffect, useState } from "./vendor/preact.js";
-import { Action, sentence } from "./common.js";
+import { Action, sentence, useEvery } from "./common.js";
 import { DraftBar, restoreLast } from "./draft.js";
 import { Health } from "./health.js";
 import { Links } from "./links.js";
@@ -10,7 +10,18 @@ import { Login } from "./login.js";
 import { Recordings } from "./recordings.js";
 import { Servos } from "./servos.js";
 import { Start } from "./start.js";
-import { hasService, loadSession, mayOperate, open, post, postFirst, store, update, useStore } from "./store.js";
+import {
+  hasService,
+  loadSession,
+  mayOperate,
+  open,
+  post,
+  postFirst,
+  store,
+  update,
+  useStore,
+  whyNoStop,
+} from "./store.js";
 import { Wearer } from "./wearer.js";
 
 // The name in the address, the title, the page, and the path of its sign in a square of 24.
@@ -41,17 +52,18 @@ function Tabs({ page }) {
 }
 
 const release = (on) => postFirst("servos/release", { on });
+// How often the page asks whether its session goes on.
+const SESSION_PERIOD_MS = 5000;
 
 // Stops all servos. The button shows that they are stopped as soon as the service says so.
 function Stop() {
-  const [trouble, setTrouble] = useState();
   // The first try fails if the console has closed the idle connection meanwhile.
   const stop = () =>
     release(true)
       .catch(() => release(true))
       .then(
-        () => setTrouble(),
-        (error) => setTrouble(error.message),
+        () => update({ stopTrouble: undefined }),
+        (error) => update({ stopTrouble: error.message }),
       );
   useEffect(() => {
     const key = (event) => {
@@ -62,11 +74,20 @@ function Stop() {
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);
-  return html`<button id="stop" type="button" disabled=${!mayOperate()} onClick=${stop}
-    aria-describedby=${trouble && "stop-trouble"}
-      title=${mayOperate() ? "Lets go of all servos (Escape or space)" : "You may look, but not operate."}>STOP</button>
-    ${trouble && html`<p id="stop-trouble"
-      role="alert">The servos were not released: ${trouble} Switch their supply off.</p>`}`;
+  return html`<button id="stop" type="button" disabled=${!mayOperate()} onClick=${stop} class=${whyNoStop() && "idle"}
+    aria-describedby="stop-alerts"
+      title=${mayOperate() ? "Lets go of all servos (Escape or space)" : "You may look, but not operate."}>STOP</button>`;
+}
+
+// Says before STOP is pressed that it does not work, and after it has failed that the servos were not released, until it succeeds.
+function StopAlerts() {
+  const { stopTrouble, session } = store;
+  const why = whyNoStop();
+  return html`<div id="stop-alerts">
+    ${why && html`<p role="alert">STOP does not work here: ${why.replace(/\.$/, "")}. To stop servos, ${session.role ? "" : "log in, or "}switch
+      their supply off.</p>`}
+    ${stopTrouble && html`<p role="alert">The servos were not released: ${stopTrouble} Switch their supply off.</p>`}
+  </div>`;
 }
 
 // Escape stops unless text is typed. Space does unless it works a control that has the focus.
@@ -74,6 +95,14 @@ function isStop({ key, target }) {
   const isTyping = target.matches?.("textarea, select, input:not([type=range], [type=checkbox], [type=radio])");
   if (key === "Escape") return !isTyping;
   return key === " " && !isTyping && !target.matches?.("button, a, summary, input:not([type=range])");
+}
+
+// What the operator's stop has done to each board.
+function released({ links, released_unix_s: since }) {
+  const at = since ? ` since ${new Date(1000 * since).toLocaleTimeString()}` : "";
+  const boards = (links ?? []).filter((link) => link.released !== undefined);
+  const state = (board) => (board.released ? board.stop : html`<strong>not reached: switch its supply off</strong>`);
+  return html`All servos are released${at}. ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}`;
 }
 
 function Banners({ page }) {
@@ -86,7 +115,7 @@ function Banners({ page }) {
       status?.service?.released &&
       banner(
         "bad released",
-        "All servos are released: they get no pulses, and bus servos have no torque.",
+        released(status.service),
         html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`,
       )
     }
@@ -142,15 +171,17 @@ function App() {
   useEffect(() => {
     if (session?.role && !hello) open();
   }, [session?.role]);
+  // A login in another tab changes what this page may do, too.
+  useEvery(SESSION_PERIOD_MS, () => store.session && loadSession().catch(() => undefined));
   if (!session) return html`<main><p role="status">Loading …</p></main>`;
-  if (!session.role) return html`<${Login} />`;
+  if (!session.role) return html`<${StopAlerts} /><${Login} />`;
   const isWhole = hasService();
   const [, title, Page] = PAGES.find(([name]) => name === page);
   return html`
     <header class=${isWhole ? "whole" : ""}>
       <h1>facewire</h1>
       <p id="state" role="status" data-state="waiting">waiting for packets</p>
-      ${isWhole && html`<${Stop} /><${Tabs} page=${page} />`}
+      ${isWhole && html`<${Stop} /><${StopAlerts} /><${Tabs} page=${page} />`}
     </header>
     <${Banners} page=${page} />
     <main>

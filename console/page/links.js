@@ -5,7 +5,7 @@ import { change, Difference, draft, restore, setText, useDraft } from "./draft.j
 import { Fields, isField, ordered } from "./fields.js";
 import { Refusal, useHand } from "./hand.js";
 import { BOARDS } from "./servos.js";
-import { get, loadSession, mayOperate, post, useStore } from "./store.js";
+import { get, loadSession, mayOperate, post, reopen, useStore } from "./store.js";
 import { html, useRef, useState } from "./vendor/preact.js";
 
 // How long nobody types before a text is judged.
@@ -45,16 +45,26 @@ export function Links() {
 function Access() {
   const [token, setToken] = useState();
   const [password, setPassword] = useState("");
+  const [old, setOld] = useState("");
+  const { session } = useStore();
+  const replace = async () => {
+    await post("password", { new: password, ...(!session.local && { old }) });
+    setPassword("");
+    setOld("");
+    reopen();
+    return { done: "The password is changed." };
+  };
   const share = async () => setToken((await post("tokens/look", {})).token);
   const leave = async () => {
     await post("logout");
     await loadSession();
   };
   return html`<h2>Access</h2><div class="panel">
-    <div class="row"><label class="grow">New password<input type="password" autocomplete="new-password" minlength="8"
+    <div class="row">${!session.local && html`<label class="grow">Old password<input type="password"
+      autocomplete="current-password" value=${old} onInput=${(event) => setOld(event.target.value)} /></label>`}
+      <label class="grow">New password<input type="password" autocomplete="new-password" minlength="8"
       value=${password} onInput=${(event) => setPassword(event.target.value)} /></label>
-      <${Action} disabled=${password.length < 8}
-        run=${() => post("password", { new: password }).then(() => ({ done: "The password is changed." }))}>Change<//></div>
+      <${Action} disabled=${password.length < 8 || !(session.local || old)} run=${replace}>Change<//></div>
     <p class="dim">Whoever opens a link to look sees all pages, and changes nothing. A new link ends the former one.</p>
     <div class="row"><${Action} run=${share}>Make a link to look<//><${Action} needsRole=${false}
       run=${leave}>Log out<//></div>

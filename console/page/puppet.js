@@ -59,10 +59,10 @@ export function Puppet({ drive, boards }) {
       ms: STEP_MS,
     }));
   const sweep = () =>
-    boards.flatMap(({ link, index }) =>
+    boards.flatMap(({ link, place }) =>
       (link.channel ?? []).flatMap(({ channel = 0 }) =>
         Array.from({ length: SWEEP_MS / STEP_MS + 1 }, (_, k) => ({
-          line: { link: index, channel, position: hill((k * STEP_MS) / SWEEP_MS) },
+          line: { link: place, channel, position: hill((k * STEP_MS) / SWEEP_MS) },
           ms: STEP_MS,
         })),
       ),

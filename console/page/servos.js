@@ -44,6 +44,21 @@ const FORMS = [
 
 const isBus = (link) => link.kind === "bus-servo";
 const isDmx = (link) => ["sacn", "artnet"].includes(link.kind);
+// What tells a board from others: all its settings but those of its channels.
+const identity = ({ channel, ...board }) => JSON.stringify(Object.entries(board).sort());
+
+// Returns for each link of the draft its place among the kept links, by which the service knows it, or undefined if the draft has
+// added or changed it.
+function keptPlaces(links) {
+  const kept = (draft.used.link ?? []).map(identity);
+  return links.map((link) => {
+    const place = kept.indexOf(identity(link));
+    if (place < 0) return undefined;
+    kept[place] = undefined;
+    return place;
+  });
+}
+
 // How many numbers a channel takes.
 const width = (link, { dmx = DEFAULTS.dmx }) => (isDmx(link) && dmx !== "8-bit" ? 2 : 1);
 
@@ -79,8 +94,10 @@ export function Servos() {
         () => undefined,
       ),
   );
-  const boards = (values.link ?? [])
-    .map((link, index) => ({ link, index }))
+  const links = values.link ?? [];
+  const places = keptPlaces(links);
+  const boards = links
+    .map((link, index) => ({ link, index, place: places[index] }))
     .filter(({ link }) => BOARDS.includes(link.kind));
   if (trouble) return html`<${Trouble}>${trouble}<//>`;
   return html`
@@ -99,12 +116,12 @@ export function Servos() {
     ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a
       href="#start">Start</a> offers the boards that are plugged in. Add a line of bus servos (bus-servo) or a DMX universe (sacn, artnet) as
       a link in the <a href="#links">settings</a>.</p>`}
-    ${boards.map(({ link, index }) => html`<${Board} key=${index} index=${index} link=${link} drive=${drive}
-      live=${status?.service?.links?.[index]} />`)}
-    <${Puppet} drive=${drive} boards=${boards} />`;
+    ${boards.map(({ link, index, place }) => html`<${Board} key=${index} index=${index} place=${place} link=${link} drive=${drive}
+      live=${status?.service?.links?.[place]} />`)}
+    <${Puppet} drive=${drive} boards=${boards.filter(({ place }) => place !== undefined)} />`;
 }
 
-function Board({ index, link, drive, live }) {
+function Board({ index, place, link, drive, live }) {
   const channels = link.channel ?? [];
   const [, first, last, word] = NUMBERS[link.kind];
   const isTaken = (number) =>
@@ -118,25 +135,29 @@ function Board({ index, link, drive, live }) {
       [`${path}.sources`]: {},
       ...(isBus(link) && { [`${path}.position_at_0`]: at0, [`${path}.position_at_1`]: at1 }),
     });
-  return html`<section class="board" aria-label=${live?.name ?? link.kind}>
-    <h3>${live?.name ?? link.kind} ${live && html`<small
+  const name = live?.name ?? `${link.kind} ${link.device ?? link.address ?? ""}`;
+  return html`<section class="board" aria-label=${name}>
+    <h3>${name} ${live && html`<small
       class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
+    ${place === undefined && html`<p class="dim">This board is new or changed. Keep the settings before you move its servos.</p>`}
     ${live?.trouble && html`<${Trouble}>${sentences(live.trouble)}<//>`}
     ${isDmx(link) && channels.length === 0 && html`<p class="dim">Without a channel of its own, it sends the whole face.</p>`}
     ${channels.map(
-      (channel, k) => html`<${Channel} key=${k} place=${[index, k]} board=${link} channel=${channel} drive=${drive}
+      (channel, k) => html`<${Channel} key=${k} place=${[index, k]} kept=${place} board=${link} channel=${channel} drive=${drive}
       live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`,
     )}
     ${free !== undefined && html`<${Action} run=${add}>Add a ${word}<//>`}
   </section>`;
 }
 
-function Channel({ place: [link, k], board, channel, drive, live }) {
+// A channel at its place in the draft, on the board at the place `kept` of the kept links.
+function Channel({ place: [link, k], kept, board, channel, drive, live }) {
   const [end0, end1] = isBus(board) ? ["position_at_0", "position_at_1"] : ["pulse_at_0_us", "pulse_at_1_us"];
   const unit = isBus(board) ? (board.unit ?? "steps") : "µs";
   const bounds = isBus(board) ? { min: 0, max: 4095, step: "any" } : { min: 64, max: 4080, step: 1 };
   const [label, first, last, word] = NUMBERS[board.kind];
   const [whatAt, released] = isBus(board) ? ["Place", "no torque"] : ["Pulse", isDmx(board) ? "no pulses, value 0" : "no pulses"];
+  const none = store.status?.service?.released && isDmx(board) ? "stopped" : `none: ${released}`;
   const settings = { ...DEFAULTS, ...channel };
   const number = channel.channel ?? 0;
   const [jog, setJog] = useState();
@@ -147,7 +168,7 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
   const title = `${name[0].toUpperCase()}${name.slice(1)}`;
   const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
   // The service moves within the ends that it knows, whatever ends wait to be kept.
-  const used = { ...DEFAULTS, ...draft.used.link?.[link]?.channel?.find((other) => (other.channel ?? 0) === number) };
+  const used = { ...DEFAULTS, ...draft.used.link?.[kept]?.channel?.find((other) => (other.channel ?? 0) === number) };
   // A step, a microsecond or a tenth of a degree.
   const finest = unit === "degrees" ? 10 : 1;
   const at = (part) => Math.round(finest * (used[end0] + part * (used[end1] - used[end0]))) / finest;
@@ -156,7 +177,7 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
   const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
   const move = (part) => {
     setJog(part);
-    drive.move({ link, channel: number, position: part });
+    drive.move({ link: kept, channel: number, position: part });
   };
   useEffect(() => {
     if (!drive.isArmed) setJog(undefined);
@@ -168,7 +189,7 @@ function Channel({ place: [link, k], board, channel, drive, live }) {
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
     <${Progress} target=${live?.target} position=${live?.position} />
     <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? `none: ${released}` : `${at(live.position)} ${unit}`) : "–"}</b></span></p>
+      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(live.position)} ${unit}`) : "–"}</b></span></p>
     <div class="row">
       <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
         label=${`Set end 0 here, ${name}`}>Set end 0 here<//>

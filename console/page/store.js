@@ -4,9 +4,12 @@ import { useLayoutEffect, useState } from "./vendor/preact.js";
 import { connect } from "./stream.js";
 
 // `connection` is "open", or says why there is none. `status`, `calibration` and `recording` are the newest events.
+// `couldOperate` tells whether this page has ever been an operator's, and `stopTrouble` why its last STOP has failed.
 export const store = {
   connection: "open",
   session: undefined,
+  couldOperate: false,
+  stopTrouble: undefined,
   hello: undefined,
   status: undefined,
   calibration: undefined,
@@ -42,14 +45,31 @@ export const mayOperate = () => store.session?.role === "operate";
 // Whether there is a service. Otherwise the console shows packets that arrive by UDP or a serial line.
 export const hasService = () => !store.hello?.hint;
 
+// Says why STOP does not work on a page that is an operator's, or was. Nothing if it works.
+export function whyNoStop() {
+  const { connection, session, status, couldOperate } = store;
+  if (!couldOperate || !hasService()) return undefined;
+  if (!session.role) return "this page is logged out";
+  if (!mayOperate()) return "this browser may only look now";
+  if (connection !== "open") return connection;
+  return status && !status.running ? (status.trouble ?? "the service does not run") : undefined;
+}
+
+// Opens the stream of events again, as for another session.
+export let reopen = () => undefined;
+
 export function open() {
-  const lost = (reason = "no connection to the console") => update({ connection: reason });
+  const lost = (reason = "no connection to the console") => {
+    update({ connection: reason });
+    // The session may have ended.
+    loadSession().catch(() => undefined);
+  };
   const face = (message) => {
     store.face = message;
     if (store.connection !== "open") update({ connection: "open" });
     faces.forEach((listener) => listener(message));
   };
-  connect(
+  reopen = connect(
     {
       hello: (hello) => update({ connection: "open", hello }),
       face,
@@ -66,11 +86,15 @@ export function open() {
 // Ends the GET requests that are under way. A browser sends at most six requests at a time, and a seventh waits for them.
 let pendingGets = new AbortController();
 
+// How long a POST that comes first waits for its answer. A network that has gone would let it wait for minutes.
+const FIRST_PATIENCE_MS = 2000;
+
 // Sends a POST at once: all GET requests end, and `ask` sends them again after it.
 export function postFirst(path, body) {
   pendingGets.abort();
   pendingGets = new AbortController();
-  return post(path, body, { priority: "high", keepalive: true });
+  const signal = AbortSignal.timeout(FIRST_PATIENCE_MS);
+  return post(path, body, { priority: "high", keepalive: true, signal });
 }
 
 // Sends a request. Throws an error with a sentence for the person at the page. With a body it is a POST.
@@ -110,5 +134,8 @@ export async function get(path) {
 export const post = async (path, body = {}, options) => (await ask(path, body, options)).json().catch(() => ({}));
 
 export async function loadSession() {
-  update({ session: await get("session") });
+  const before = store.session?.role;
+  const session = await get("session");
+  update({ session, couldOperate: store.couldOperate || session.role === "operate" });
+  if (session.role && session.role !== before) reopen();
 }

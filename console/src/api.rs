@@ -28,7 +28,7 @@ use crate::{
     files::on_another_thread,
     report,
     settings::{self, Fault, SettingsFile},
-    web::{Body, Refusal},
+    web::{Answer, Body, Refusal},
 };
 
 /// Time in which a client must send the body of a request.
@@ -64,8 +64,6 @@ const CALIBRATING: Refusal =
 const OPEN_WHILE_ANOTHER_DRIVES: [&str; 7] =
     ["login", "logout", "settings/check", "settings/edit", "servos/release", "servos/drive", "servos/disarm"];
 
-type Answer = Result<Response<Body>, Refusal>;
-
 /// A body that must be an empty object.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -79,7 +77,7 @@ macro_rules! bodies {
 }
 
 bodies! {
-    Password { new: String }
+    Password { new: String, old: Option<String> }
     Text { text: String }
     Edit { text: String, changes: Map<String, Value> }
     Keep { text: String, base: String }
@@ -92,48 +90,86 @@ bodies! {
     Service { r#do: String }
 }
 
-/// Answers a request of somebody who may send it. `path` is the part below `api/1/`.
-pub async fn answer(
-    console: Option<&Arc<Console>>,
-    caller: Option<Caller>,
-    path: &str,
-    request: Request<Incoming>,
-) -> Answer {
-    let (Some(console), Some(caller)) = (console, caller) else {
-        let session = json!({"role": Role::Look, "needs_password": false, "secure": false});
-        return if path == "session" { Ok(ok(&session)) } else { Err(NO_SERVICE) };
-    };
+/// Answers a request to a console of packets, which has no service.
+pub fn answer_of_packets(path: &str) -> Answer {
+    let session = json!({"role": Role::Look, "needs_password": false, "secure": false, "local": false});
+    if path == "session" { Ok(ok(&session)) } else { Err(NO_SERVICE) }
+}
+
+/// Lets go of all servos, or lets them move again. It waits for nothing that other requests hold.
+pub async fn release(console: &Arc<Console>, caller: &Caller, request: Request<Incoming>) -> Answer {
     let (parts, body) = request.into_parts();
-    let call = Call { console, caller: &caller, headers: &parts.headers };
-    if parts.method == Method::POST {
-        let is_open = matches!(path, "login" | "logout" | "password");
-        if !is_open {
-            caller.must(Role::Operate)?;
-        }
-        call.post(path, body).await
+    let call = Call { console, caller, path: "servos/release", headers: &parts.headers };
+    call.may_change()?;
+    let Release { on } = Json { call: &call, body, most_bytes: MOST_BODY_BYTES }.read().await?;
+    // Whoever lets servos move again does not find them where somebody's slider wants them.
+    if on {
+        console.servos.end();
     } else {
-        if path != "session" {
-            caller.must(Role::Look)?;
-        }
-        call.get(path, parts.uri.query()).await
+        console.servos.must_be_free_for(caller)?;
+    }
+    let done = console.control.tell(&Command::Release { on }).await?;
+    console.changed.notify_one();
+    Ok(ok(&json!({"done": done})))
+}
+
+/// Begins a session. `is_read` is called when the request has come as a whole.
+pub async fn log_in(
+    console: &Arc<Console>,
+    caller: &Caller,
+    request: Request<Incoming>,
+    is_read: impl Fn() + Send,
+) -> Answer {
+    let (parts, body) = request.into_parts();
+    let call = Call { console, caller, path: "login", headers: &parts.headers };
+    let secret = Json { call: &call, body, most_bytes: MOST_BODY_BYTES }.read::<Secret>().await?;
+    is_read();
+    changed_session(&console.access.log_in(caller, &secret).await?, caller)
+}
+
+/// Answers a request of somebody who may send it. `path` is the part below `api/1/`.
+pub async fn answer(console: &Arc<Console>, caller: &Caller, path: &str, request: Request<Incoming>) -> Answer {
+    let (parts, body) = request.into_parts();
+    let call = Call { console, caller, path, headers: &parts.headers };
+    if parts.method == Method::POST {
+        call.may_change()?;
+        call.post(body).await
+    } else {
+        call.may_look()?;
+        let answer = call.get(parts.uri.query()).await;
+        // The session may have ended while the answer was made.
+        call.may_look()?;
+        answer
     }
 }
 
 struct Call<'a> {
     console: &'a Arc<Console>,
     caller: &'a Caller,
+    /// The part below `api/1/`.
+    path: &'a str,
     headers: &'a HeaderMap,
 }
 
 impl Call<'_> {
-    async fn get(&self, path: &str, query: Option<&str>) -> Answer {
-        let console = self.console;
+    /// Refuses a GET that the caller may not send now.
+    fn may_look(&self) -> Result<(), Refusal> {
+        if self.path == "session" { Ok(()) } else { self.console.access.must(self.caller, Role::Look) }
+    }
+
+    /// Refuses a POST that the caller may not send now.
+    fn may_change(&self) -> Result<(), Refusal> {
+        may_change(self.console, self.caller, self.path)
+    }
+
+    async fn get(&self, query: Option<&str>) -> Answer {
+        let Self { console, caller, path, .. } = *self;
+        let _turn = match path {
+            "session" => None,
+            _ => Some(console.turns.of(console.access.role(caller)).acquire().await),
+        };
         Ok(ok(&match path {
-            "session" => json!({
-                "role": self.caller.role,
-                "needs_password": console.access.needs_password(),
-                "secure": self.caller.address.is_loopback(),
-            }),
+            "session" => return self.session(),
             "status" => self.status().await,
             "settings" => match query.and_then(|query| query.strip_prefix("version=")) {
                 Some(id) => json!({"text": self.old_text(id.to_owned()).await?}),
@@ -172,27 +208,22 @@ impl Call<'_> {
         }))
     }
 
-    async fn post(&self, path: &str, body: Incoming) -> Answer {
-        let Self { console, caller, headers } = *self;
+    async fn post(&self, body: Incoming) -> Answer {
+        let Self { console, caller, path, headers } = *self;
         let (control, recordings) = (&console.control, &console.recordings);
-        // Whoever has no session yet may only begin one, and is not told who drives.
-        if caller.role.is_some() && !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
-            console.servos.must_be_free_for(caller)?;
-        }
         let most_bytes = if path.starts_with("settings/") { MOST_SETTINGS_BODY_BYTES } else { MOST_BODY_BYTES };
-        let body = Json { headers, body, most_bytes };
+        let body = Json { call: self, body, most_bytes };
         let done = match path {
-            "login" => {
-                let secret = body.read::<Secret>().await?;
-                return with_cookie(&console.access.log_in(caller, &secret).await?);
-            }
             "logout" => {
                 body.read::<Nothing>().await?;
-                return with_cookie(&console.access.log_out(headers));
+                console.servos.end_of(caller);
+                return changed_session(&[console.access.log_out(headers)], caller);
             }
             "password" => {
-                let new = body.read::<Password>().await?.new;
-                return with_cookie(&console.access.set_password(caller, new).await?);
+                let Password { new, old } = body.read().await?;
+                let cookie = console.access.set_password(caller, new, old.as_deref()).await?;
+                console.servos.end();
+                return changed_session(&[cookie], caller);
             }
             "tokens/look" => {
                 body.read::<Nothing>().await?;
@@ -234,16 +265,6 @@ impl Call<'_> {
                     .iter()
                     .for_each(|end| end.notify_one());
                 "the calibration is cancelled".to_owned()
-            }
-            "servos/release" => {
-                let Release { on } = body.read().await?;
-                // Whoever lets servos move again does not find them where somebody's slider wants them.
-                if on {
-                    console.servos.end();
-                } else {
-                    console.servos.must_be_free_for(caller)?;
-                }
-                control.tell(&Command::Release { on }).await?
             }
             "servos/arm" => {
                 body.read::<Nothing>().await?;
@@ -303,10 +324,25 @@ impl Call<'_> {
         Ok(ok(&json!({"done": done})))
     }
 
+    /// Tells the role, and gives a browser on this machine its name, so that several through one tunnel are told apart.
+    fn session(&self) -> Answer {
+        let Self { console, caller, .. } = *self;
+        let session = ok(&json!({
+            "role": console.access.role(caller),
+            "needs_password": console.access.needs_password(),
+            "secure": caller.is_local || caller.is_encrypted,
+            "local": caller.is_local,
+        }));
+        match caller.name()? {
+            Some(cookie) => with_cookies(session, &[cookie], caller),
+            None => Ok(session),
+        }
+    }
+
     async fn status(&self) -> Value {
         let mut status = self.console.look().await.0;
         if let Some(operator) = status.get_mut("operator") {
-            *operator = self.console.servos.operator(&self.caller.identity);
+            *operator = self.console.servos.operator(self.caller);
         }
         status
     }
@@ -334,9 +370,9 @@ impl Call<'_> {
 
     /// Keeps settings without a fault, and has the service read them. `base` is the hash of the text that they change.
     async fn keep(&self, text: String, base: Option<String>) -> Answer {
-        let console = Arc::clone(self.console);
+        let (console, caller, path) = (Arc::clone(self.console), self.caller.clone(), self.path.to_owned());
         // Goes on if the page is closed, so that the service reads what is kept.
-        let kept = tokio::spawn(async move { keep(&console, text, base).await });
+        let kept = tokio::spawn(async move { keep(&console, &caller, &path, text, base).await });
         kept.await.map_err(|error| Refusal::failed(&error))?
     }
 
@@ -390,10 +426,14 @@ impl Call<'_> {
         let file = std::fs::File::open(path)?;
         let length = file.metadata()?.len();
         let (mut sender, body) = Channel::new(1);
+        let (console, caller) = (Arc::clone(self.console), self.caller.clone());
         tokio::spawn(async move {
             let mut reader = tokio::fs::File::from_std(file).take(length);
             let mut bytes = vec![0; DOWNLOAD_BYTES];
             while let Ok(count @ 1..) = reader.read(&mut bytes).await {
+                if console.access.must(&caller, Role::Look).is_err() {
+                    return;
+                }
                 let part = bytes.get(..count).unwrap_or_default();
                 if sender.send_data(Bytes::copy_from_slice(part)).await.is_err() {
                     return;
@@ -432,7 +472,21 @@ impl Call<'_> {
     }
 }
 
-async fn keep(console: &Console, text: String, base: Option<String>) -> Answer {
+/// Refuses a change that the caller may not make now. It is asked again whenever time has passed, because sessions end, and
+/// somebody else may have begun to move servos.
+fn may_change(console: &Console, caller: &Caller, path: &str) -> Result<(), Refusal> {
+    let is_open = matches!(path, "login" | "logout" | "password");
+    if !is_open {
+        console.access.must(caller, Role::Operate)?;
+    }
+    // Whoever has no session yet may only begin one, and is not told who drives.
+    if console.access.role(caller).is_some() && !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
+        console.servos.must_be_free_for(caller)?;
+    }
+    Ok(())
+}
+
+async fn keep(console: &Console, caller: &Caller, path: &str, text: String, base: Option<String>) -> Answer {
     if text.len() > settings::MOST_BYTES {
         return Err(TOO_LONG);
     }
@@ -441,9 +495,17 @@ async fn keep(console: &Console, text: String, base: Option<String>) -> Answer {
         return Ok(refused(first, &faults));
     }
     let _turn = console.keeping.lock().await;
+    may_change(console, caller, path)?;
     let former = console.settings.on_disk(SettingsFile::text).await.unwrap_or_default();
     if base.is_some_and(|base| base != settings::hash(&former)) {
         return Err(CHANGED);
+    }
+    if let Some(key) = settings::changed_code(&former, &text) {
+        let sentence = format!(
+            "{key} says which library the service runs, so that the console does not change it: edit {} on the board.\n",
+            console.settings.path.display()
+        );
+        return Err(Refusal::new(StatusCode::FORBIDDEN, sentence));
     }
     // As soon as a new servo gets pulses, it moves to a position that nobody has tried.
     let mut about_new_servo = "";
@@ -452,6 +514,10 @@ async fn keep(console: &Console, text: String, base: Option<String>) -> Answer {
             Ok(_) => ". A servo is new: all servos are released until you let them move again",
             // A service that is away moves nothing.
             Err(ControlError::Away) => ". A servo is new: it moves as soon as the service starts",
+            // A board that was not reached obeys as soon as it is.
+            Err(ControlError::Refused(_)) if console.is_released().await => {
+                ". A servo is new: all servos that are reached are released until you let them move again"
+            }
             Err(error) => {
                 let sentence = format!(
                     "A servo is new, but the service did not release the servos, so nothing is kept: {error}.\n"
@@ -483,7 +549,7 @@ fn level(line: &str) -> &'static str {
 
 /// The body of a request that has not been read yet.
 struct Json<'a> {
-    headers: &'a HeaderMap,
+    call: &'a Call<'a>,
     body: Incoming,
     most_bytes: usize,
 }
@@ -491,12 +557,13 @@ struct Json<'a> {
 impl Json<'_> {
     async fn read<T: DeserializeOwned + Sized>(self) -> Result<T, Refusal> {
         // A page of somebody else cannot send this type without being asked first whether it may.
-        let kind = self.headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+        let kind = self.call.headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
         if kind.split(';').next().map(str::trim) != Some("application/json") {
             return Err(NOT_JSON);
         }
         let body = Limited::new(self.body, self.most_bytes).collect();
         let body = timeout(BODY_PATIENCE, body).await.map_err(|_| TOO_LONG)?.map_err(|_| TOO_LONG)?;
+        self.call.may_change()?;
         serde_json::from_slice(&body.to_bytes()).map_err(|error| bad(&error))
     }
 }
@@ -521,10 +588,17 @@ fn refused(first: &Fault, faults: &[Fault]) -> Response<Body> {
     response
 }
 
-fn with_cookie(cookie: &str) -> Answer {
-    let mut response = ok(&json!({"done": "the session is changed"}));
-    let cookie = HeaderValue::try_from(cookie).map_err(|error| Refusal::failed(&error))?;
-    response.headers_mut().insert(SET_COOKIE, cookie);
+fn changed_session(cookies: &[String], caller: &Caller) -> Answer {
+    with_cookies(ok(&json!({"done": "the session is changed"})), cookies, caller)
+}
+
+/// Has the browser keep cookies, and send those that came encrypted in no other way.
+fn with_cookies(mut response: Response<Body>, cookies: &[String], caller: &Caller) -> Answer {
+    for cookie in cookies {
+        let cookie = format!("{cookie}{}", if caller.is_encrypted { "; Secure" } else { "" });
+        let cookie = HeaderValue::try_from(cookie).map_err(|error| Refusal::failed(&error))?;
+        response.headers_mut().append(SET_COOKIE, cookie);
+    }
     Ok(response)
 }
 

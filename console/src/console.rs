@@ -13,12 +13,12 @@ use facewire_packet::{Packet, control::Request};
 use serde_json::{Value, json};
 use tokio::{
     select,
-    sync::{Mutex as AsyncMutex, Notify, watch},
+    sync::{Mutex as AsyncMutex, Notify, Semaphore, watch},
     time::sleep,
 };
 
 use crate::{
-    access::Access,
+    access::{Access, Role},
     args::Args,
     control::{Control, ControlError},
     program::Program,
@@ -35,6 +35,29 @@ use crate::{
 const LOOK_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two attempts to reach a service that is away.
 const RETRY: Duration = Duration::from_millis(500);
+
+/// The most requests of one role that are answered at a time. The others wait, so that they take neither the processors nor the
+/// service's attention away from a release.
+const MOST_ANSWERS: usize = 4;
+
+/// Turns in which what was asked for is answered. Those who may only look hold up no operator.
+#[derive(Debug)]
+pub struct Turns {
+    look: Semaphore,
+    operate: Semaphore,
+}
+
+impl Default for Turns {
+    fn default() -> Self {
+        Self { look: Semaphore::new(MOST_ANSWERS), operate: Semaphore::new(MOST_ANSWERS) }
+    }
+}
+
+impl Turns {
+    pub fn of(&self, role: Option<Role>) -> &Semaphore {
+        if role == Some(Role::Operate) { &self.operate } else { &self.look }
+    }
+}
 
 /// Values that the open pages are told of.
 #[derive(Debug, Clone)]
@@ -55,6 +78,7 @@ impl Default for News {
 #[derive(Debug)]
 pub struct Console {
     pub access: Access,
+    pub turns: Turns,
     pub control: Control,
     pub program: Program,
     pub settings: SettingsFile,
@@ -68,6 +92,8 @@ pub struct Console {
     pub picturing: AsyncMutex<tokio::time::Instant>,
     /// Tells the calibration that goes on to end.
     pub calibrating: Mutex<Option<Arc<Notify>>>,
+    /// The names of this machine in the settings.
+    names: Mutex<Arc<[String]>>,
     /// The text of the settings that was judged last, and its faults.
     judged: AsyncMutex<Option<(String, Vec<Fault>)>>,
     /// The number of open pages.
@@ -81,11 +107,14 @@ impl Console {
         let state = args.state.clone().unwrap_or_else(state_folder);
         std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&state)?;
         let news = News::default();
+        let settings = SettingsFile::new(std::path::absolute(config)?, &state);
+        let names = Mutex::new(settings::names(&settings.text().unwrap_or_default()));
         Ok(Self {
             access: Access::load(&state, operate_token)?,
+            turns: Turns::default(),
             control: Control::new(args.control.as_deref()),
             program: Program::new(args.helper.clone()),
-            settings: SettingsFile::new(std::path::absolute(config)?, &state),
+            settings,
             keeping: AsyncMutex::default(),
             servos: Servos::default(),
             recordings: Recordings::new(&state, news.recording.clone()),
@@ -93,13 +122,25 @@ impl Console {
             history: Mutex::default(),
             picturing: AsyncMutex::new(tokio::time::Instant::now()),
             calibrating: Mutex::default(),
+            names,
             judged: AsyncMutex::default(),
             pages: watch::Sender::new(0),
             changed: Notify::new(),
         })
     }
 
+    /// The names of this machine in the settings, in lower case.
+    pub fn names(&self) -> Arc<[String]> {
+        Arc::clone(&self.names.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     /// Has the service read the settings.
+    /// Whether the service keeps all servos released.
+    pub async fn is_released(&self) -> bool {
+        let status = self.control.status().await.unwrap_or_default();
+        status.get("released").and_then(serde_json::Value::as_bool) == Some(true)
+    }
+
     pub async fn reload(&self) -> Result<String, ControlError> {
         let reloaded = self.control.tell(&Request::Reload {}).await;
         let is_refused = match &reloaded {
@@ -146,6 +187,9 @@ impl Console {
             }
             Err(error) => Err(io::Error::other(error.to_string())),
         };
+        if let Ok(text) = &text {
+            *self.names.lock().unwrap_or_else(PoisonError::into_inner) = settings::names(text);
+        }
         let values = text.map_or(Value::Null, |text| settings::values(&text));
         let (service, away) = match self.control.status().await {
             Ok(service) => (service, None),

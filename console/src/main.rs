@@ -2,8 +2,8 @@
 //!
 //! Role: a page for two uses. With `--config` it is the console of the service on this machine ([`console`]), with which it
 //! speaks by the control socket alone ([`control`]), and whose settings file it edits ([`settings`]). Otherwise a thread
-//! receives packets by UDP or from a serial port ([`source`]) and keeps the newest in a [`Snapshot`]. The main thread
-//! serves the page ([`web`]) and the interface that it uses ([`api`]).
+//! receives packets by UDP or from a serial port ([`source`]) and keeps the newest in a [`Snapshot`]. One more thread
+//! serves the page ([`web`]), and the main thread answers what needs time ([`api`]).
 //! Contract: whatever arrives on the port or from a browser, memory and the number of connections stay bounded, and a
 //! browser that reads slowly misses snapshots and delays nobody. Who may change what, [`access`] decides.
 
@@ -133,7 +133,7 @@ fn run(args: &Args) -> Result<(), Failure> {
             }
         };
         select! {
-            () = web::serve(listener, Arc::new(site)) => {}
+            _ = web::serve(listener, site).map_err(refused("a thread"))? => {}
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
         }

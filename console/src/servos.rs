@@ -46,17 +46,17 @@ impl Servos {
     }
 
     /// Returns the operator as this caller sees them.
-    pub fn operator(&self, identity: &str) -> Value {
+    pub fn operator(&self, caller: &Caller) -> Value {
         self.drive().as_ref().map_or(
             Value::Null,
-            |Session { operator, .. }| json!({"name": operator.address.to_string(), "me": operator.identity == identity}),
+            |Session { operator, .. }| json!({"name": operator.address.to_string(), "me": operator.is(caller)}),
         )
     }
 
     /// Refuses whoever is not the operator, while there is one.
     pub fn must_be_free_for(&self, caller: &Caller) -> Result<(), Refusal> {
         match &*self.drive() {
-            Some(Session { operator, .. }) if operator.identity != caller.identity => {
+            Some(Session { operator, .. }) if !operator.is(caller) => {
                 Err(occupied(operator, "Until they let go you may look, and press STOP."))
             }
             _ => Ok(()),
@@ -94,6 +94,11 @@ impl Servos {
     /// Ends whichever session there is.
     pub fn end(&self) {
         self.drive().take();
+    }
+
+    /// Ends the session of this operator.
+    pub fn end_of(&self, caller: &Caller) {
+        self.drive().take_if(|drive| drive.operator.is(caller));
     }
 
     /// Ends a session. One that has ended before is no fault.

@@ -7,12 +7,14 @@ use std::{
     io,
     os::unix::fs::{DirBuilderExt as _, PermissionsExt as _},
     path::PathBuf,
+    sync::Arc,
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use serde::Serialize;
 use serde_json::{Map, Value};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value as TomlValue};
+use toml_parser::{Source, lexer::TokenKind};
 
 use crate::{
     files::{on_another_thread, write_atomically},
@@ -24,6 +26,9 @@ const MOST_VERSIONS: usize = 10;
 const REFUSED: &str = ".refused";
 /// Settings that are longer are refused. The defaults with all comments have 20 kB.
 pub const MOST_BYTES: usize = 128 * 1024;
+/// The most levels of a key or a value. Those of facewire have at most six, as in `link.0.channel.2.sources.jawOpen`.
+const MOST_LEVELS: usize = 16;
+const TOO_DEEP: &str = "the settings have more than 16 levels; mend them, or restore a version";
 
 /// What is wrong with settings.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -181,6 +186,9 @@ pub fn hash(text: &str) -> String {
 
 /// Has facewire judge settings by their text alone. No device is touched.
 pub async fn faults(program: &Program, text: &str) -> io::Result<Vec<Fault>> {
+    if is_too_deep(text) {
+        return Ok(vec![Fault { line: None, key: None, text: TOO_DEEP.to_owned() }]);
+    }
     let output = program.run(&["check", "--settings-only", "--config", "/dev/stdin"], text).await?;
     match output.status {
         Some(0) => Ok(Vec::new()),
@@ -203,9 +211,49 @@ fn fault(line: &str) -> Fault {
     Fault { line, key: is_key.then(|| word.to_owned()), text: text.to_owned() }
 }
 
+/// Whether a text has more levels than settings can have. Whoever goes through so many of them needs too much of the stack.
+/// Each dot and each bracket counts as a level, so that a text is refused without being understood.
+fn is_too_deep(text: &str) -> bool {
+    // The dots since the last comma, in each bracket that is open and outside of all.
+    let mut open = vec![0];
+    let mut levels = 0;
+    for token in Source::new(text).lex() {
+        let is_outside = open.len() == 1;
+        match token.kind() {
+            TokenKind::LeftSquareBracket | TokenKind::LeftCurlyBracket => {
+                levels += 1;
+                open.push(0);
+            }
+            TokenKind::RightSquareBracket | TokenKind::RightCurlyBracket if !is_outside => {
+                levels -= 1 + open.pop().unwrap_or_default();
+            }
+            TokenKind::Dot => {
+                levels += 1;
+                open.iter_mut().last().into_iter().for_each(|dots| *dots += 1);
+            }
+            TokenKind::Comma | TokenKind::Newline if is_outside || token.kind() == TokenKind::Comma => {
+                levels -= open.iter_mut().last().map(std::mem::take).unwrap_or_default();
+            }
+            _ => {}
+        }
+        if levels > MOST_LEVELS {
+            return true;
+        }
+    }
+    false
+}
+
 /// Returns what is set, or an empty table if the text is no TOML.
 pub fn values(text: &str) -> Value {
-    toml_edit::de::from_str(text).unwrap_or_else(|_| Value::Object(Map::new()))
+    let values = if is_too_deep(text) { None } else { toml_edit::de::from_str(text).ok() };
+    values.unwrap_or_else(|| Value::Object(Map::new()))
+}
+
+/// The names of this machine that settings have, in lower case.
+pub fn names(text: &str) -> Arc<[String]> {
+    let values = values(text);
+    let names = values.pointer("/console/names").and_then(Value::as_str).unwrap_or_default();
+    names.split_whitespace().map(str::to_lowercase).collect()
 }
 
 /// The keys that differ between two texts.
@@ -216,6 +264,14 @@ pub fn changed(old: &str, new: &str) -> Vec<String> {
         keys.insert("comments".to_owned());
     }
     keys.into_iter().collect()
+}
+
+/// The first key that differs between two texts and says which library the service loads.
+pub fn changed_code(old: &str, new: &str) -> Option<String> {
+    let [old, new] = [old, new].map(values);
+    let mut keys = ["engine", "folder"].into_iter();
+    let of = |values: &Value, key: &str| values.get("networks").and_then(|networks| networks.get(key)).cloned();
+    keys.find(|key| of(&old, key) != of(&new, key)).map(|key| format!("networks.{key}"))
 }
 
 fn differences(path: &str, old: &Value, new: &Value, keys: &mut BTreeSet<String>) {
@@ -258,10 +314,16 @@ pub fn adds_a_servo(old: &str, new: &str) -> bool {
 /// Changes settings in a text and keeps everything else in it. A key is a path such as `link.0.channel.2.neutral`, and
 /// null removes what is there.
 pub fn edit(text: &str, changes: &Map<String, Value>) -> Result<String, String> {
+    if is_too_deep(text) {
+        return Err(TOO_DEEP.to_owned());
+    }
     let mut document: DocumentMut =
         text.parse().map_err(|error| format!("the text is not valid TOML: {error}; mend it, or restore a version"))?;
     for (key, value) in changes {
-        let path: Vec<&str> = key.split('.').collect();
+        let path: Vec<&str> = key.split('.').take(MOST_LEVELS + 1).collect();
+        if path.len() > MOST_LEVELS {
+            return Err(format!("{}: no setting has so many parts; load the page again", path.join(".")));
+        }
         let value = match value {
             Value::Null => None,
             value => Some(toml(value).ok_or_else(|| format!("{key}: {value} cannot be written as TOML"))?),
@@ -269,7 +331,8 @@ pub fn edit(text: &str, changes: &Map<String, Value>) -> Result<String, String> 
         set(document.as_item_mut(), &path, value)
             .ok_or_else(|| format!("{key}: there is no such place; load the page again"))?;
     }
-    Ok(document.to_string())
+    let text = document.to_string();
+    if is_too_deep(&text) { Err(TOO_DEEP.to_owned()) } else { Ok(text) }
 }
 
 fn toml(value: &Value) -> Option<TomlValue> {
@@ -411,6 +474,39 @@ mod tests {
             assert!(edited(TEXT, json!({ key: value })).is_err(), "{key}");
         }
         assert!(edited("[camera", json!({})).unwrap_err().contains("not valid TOML"));
+    }
+
+    #[test]
+    fn whatever_is_too_deep_is_refused_and_nothing_else() {
+        let deep = |n: usize, open: &str, close: &str| format!("a = {}1{}\n", open.repeat(n), close.repeat(n));
+        // The parser takes each of them.
+        for text in [
+            format!("[{}]\n", vec!["a"; 60].join(".")),
+            format!("{} = 1\n", vec!["a"; 60].join(" . ")),
+            deep(60, "[", "]"),
+            deep(60, "[\n", "\n]"),
+            deep(60, "{ b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b.b = ", "}"),
+            deep(35, "[{\"b.#\".b.'b\"'.b = ", "}]"),
+        ] {
+            assert!(text.parse::<DocumentMut>().is_ok() && is_too_deep(&text), "{text}");
+            assert_eq!(
+                (values(&text), edited(&text, json!({"b": 1}))),
+                (json!({}), Err(TOO_DEEP.to_owned())),
+                "{text}"
+            );
+        }
+        for key in ["a.".repeat(20_000), "0.".repeat(20_000), "a.0.".repeat(9) + "b", ".".repeat(100_000)] {
+            assert!(edited(TEXT, json!({key: 1})).unwrap_err().contains("so many parts"));
+        }
+        let deep = (0..100).fold(json!(1), |value, _| json!([value]));
+        assert_eq!(edited(TEXT, json!({"a": deep})), Err(TOO_DEEP.to_owned()));
+        let flat =
+            "# a.b.c.d.e.f.g.h.i.j.k.l.m.n.o.p.q.r.s.t\nnumbers = [1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 9.5]\n\
+                    text = \"[[[[[[[[[[[[[[[[[[[[\"\nmore = \"\"\"\n....................\"\"\"\n"
+                .to_owned()
+                + &"[[link]]\nsources = { jawOpen = 1.0, eyeBlinkLeft = 0.5 }\n".repeat(50);
+        assert!(flat.parse::<DocumentMut>().is_ok() && !is_too_deep(&flat));
+        assert!(!is_too_deep("]]]]}}}}..,,"), "no text ends the search");
     }
 
     #[test]

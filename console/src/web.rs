@@ -2,6 +2,9 @@
 //!
 //! Contract: at most [`MOST_CONNECTIONS`] connections and [`MOST_STREAMS`] streams, each with bounded buffers. A client
 //! that sends no request, or does not read, loses its connection. Where there are too many, one makes room ([`Places`]).
+//!
+//! A thread of its own serves the connections, and does nothing else than to let go of the servos and to begin sessions. All
+//! that takes longer is done by the runtime in which the [`Site`] was made, so that a release waits for no other request.
 
 mod events;
 mod guard;
@@ -15,6 +18,7 @@ use std::{
     fmt, io,
     net::{IpAddr, SocketAddr},
     sync::Arc,
+    thread,
     time::Duration,
 };
 
@@ -30,21 +34,32 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use socket2::SockRef;
 use tokio::{
     net::{TcpListener, TcpSocket, TcpStream},
+    runtime::{self, Handle},
     select,
-    sync::watch,
+    sync::{oneshot, watch},
+    task::{JoinSet, yield_now},
     time::sleep,
 };
 
-pub use self::token::Token;
 use self::{
     events::Events,
     guard::Guard,
-    places::{Place, Places},
+    places::{Place, Places, Standing},
 };
-use crate::{Failure, access::Role, api, console::Console, hint::Hint, snapshot::Snapshot};
+pub use self::{guard::Route, token::Token};
+use crate::{
+    Failure,
+    access::{Caller, Role},
+    api,
+    console::Console,
+    hint::Hint,
+    snapshot::Snapshot,
+};
 
 /// A page takes one connection for its stream, and a few while it loads.
 const MOST_CONNECTIONS: usize = 64;
+/// The most connections that the system takes before this program does.
+const MOST_WAITING: u32 = 1024;
 /// The most pages that are open at the same time.
 const MOST_STREAMS: usize = 16;
 /// A client must send each request, and acknowledge what it is sent, within this time.
@@ -60,6 +75,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 pub type Body = BoxBody<Bytes, Infallible>;
+pub type Answer = Result<Response<Body>, Refusal>;
 
 /// All that is served.
 #[derive(Debug)]
@@ -67,6 +83,8 @@ pub struct Site {
     guard: Guard,
     events: Events,
     console: Option<Arc<Console>>,
+    /// Where work is done that would hold up the connections.
+    workshop: Handle,
 }
 
 impl Site {
@@ -76,13 +94,14 @@ impl Site {
             guard: Guard::new(token, false),
             events: Events::new(Some(hint), snapshots, MOST_STREAMS),
             console: None,
+            workshop: Handle::current(),
         }
     }
 
     /// Makes the site of a service.
     pub fn of_service(console: Arc<Console>, snapshots: watch::Receiver<Snapshot>) -> Self {
         let events = Events::new(None, snapshots, MOST_STREAMS);
-        Self { guard: Guard::new(None, true), events, console: Some(console) }
+        Self { guard: Guard::new(None, true), events, console: Some(console), workshop: Handle::current() }
     }
 
     async fn respond(&self, request: Request<Incoming>, client: IpAddr, place: &Place) -> Response<Body> {
@@ -101,33 +120,61 @@ impl Site {
         response
     }
 
-    async fn answer(
-        &self,
-        request: Request<Incoming>,
-        client: IpAddr,
-        place: &Place,
-    ) -> Result<Response<Body>, Refusal> {
-        let path = self.guard.check(&request)?.to_owned();
-        if self.console.is_none() {
-            place.set_role(Some(Role::Look));
-        }
+    async fn answer(&self, request: Request<Incoming>, client: IpAddr, place: &Place) -> Answer {
+        let own_names = self.console.as_ref().map(|console| console.names()).unwrap_or_default();
+        let path = self.guard.check(&request, &own_names)?.to_owned();
         if let Some(path) = path.strip_prefix("api/1/") {
-            let console = self.console.as_ref();
-            let caller = console.map(|console| console.access.caller(request.headers(), client));
-            if let Some(caller) = &caller {
-                place.set_role(caller.role);
-            }
-            if path == "events" && request.method() == Method::GET {
-                caller.as_ref().map_or(Ok(()), |caller| caller.must(Role::Look))?;
-                return self.events.open(console.zip(caller));
-            }
-            return api::answer(console, caller, path, request).await;
+            return match &self.console {
+                Some(console) => self.answer_of_service(console, path, request, client, place).await,
+                None => {
+                    place.set(Standing { role: Some(Role::Look), is_urgent: false });
+                    match path {
+                        "events" => self.events.open(None, &self.workshop),
+                        _ => api::answer_of_packets(path),
+                    }
+                }
+            };
         }
         if request.method() == Method::POST {
             return Err(Refusal::NOT_FOUND);
         }
         let part = page::part(&path).ok_or(Refusal::NOT_FOUND)?;
         Ok(response(StatusCode::OK, part.kind, Bytes::from_static(part.bytes)))
+    }
+
+    async fn answer_of_service(
+        &self,
+        console: &Arc<Console>,
+        path: &str,
+        request: Request<Incoming>,
+        client: IpAddr,
+        place: &Place,
+    ) -> Answer {
+        let caller = Caller::new(request.headers(), Route::of(&request, client));
+        let is_change = request.method() == Method::POST;
+        let is_urgent = matches!((path, is_change), ("servos/release", true) | ("events", false));
+        let role = console.access.role(&caller);
+        place.set(Standing { role, is_urgent });
+        match (path, is_change) {
+            ("servos/release", true) => api::release(console, &caller, request).await,
+            // A flood of connections cuts off no login that is being judged, of which there are few.
+            ("login", true) => {
+                api::log_in(console, &caller, request, || place.set(Standing { role, is_urgent: true })).await
+            }
+            ("events", false) => {
+                console.access.must(&caller, Role::Look)?;
+                self.events.open(Some((console, caller)), &self.workshop)
+            }
+            _ => self.work(Arc::clone(console), caller, path.to_owned(), request).await,
+        }
+    }
+
+    /// Has a request answered in the workshop, and gives it up if the client goes away.
+    async fn work(&self, console: Arc<Console>, caller: Caller, path: String, request: Request<Incoming>) -> Answer {
+        let mut work = JoinSet::new();
+        work.spawn_on(async move { api::answer(&console, &caller, &path, request).await }, &self.workshop);
+        let done = work.join_next().await.unwrap_or_else(|| Ok(Err(Refusal::NOT_FOUND)));
+        done.map_err(|error| Refusal::failed(&error))?
     }
 }
 
@@ -180,24 +227,39 @@ pub fn listen(address: SocketAddr) -> Result<TcpListener, Failure> {
         socket.set_reuseaddr(true)?;
         socket.set_send_buffer_size(u32::try_from(BUFFER_BYTES).unwrap_or(u32::MAX))?;
         socket.bind(address)?;
-        socket.listen(128)
+        socket.listen(MOST_WAITING)
     };
     open().map_err(|error| Failure::Serve { address, error })
 }
 
-/// Serves for as long as the program runs.
-pub async fn serve(listener: TcpListener, site: Arc<Site>) {
+/// Serves on a thread of its own for as long as the program runs. The receiver ends if that thread does.
+pub fn serve(listener: TcpListener, site: Site) -> io::Result<oneshot::Receiver<Infallible>> {
+    let listener = listener.into_std()?;
+    let runtime = runtime::Builder::new_current_thread().enable_all().build()?;
+    let (alive, ended) = oneshot::channel();
+    thread::Builder::new().name("web".to_owned()).spawn(move || {
+        let _alive = alive;
+        runtime.block_on(async {
+            if let Ok(listener) = TcpListener::from_std(listener) {
+                accept(listener, Arc::new(site)).await;
+            }
+        });
+    })?;
+    Ok(ended)
+}
+
+async fn accept(listener: TcpListener, site: Arc<Site>) {
     let places = Places::default();
     loop {
         let Ok((stream, client)) = listener.accept().await else {
             sleep(REFUSED_PAUSE).await;
             continue;
         };
-        // If there is no place, the connection is closed at once.
-        if let Some(place) = places.enter(MOST_CONNECTIONS) {
-            let site = Arc::clone(&site);
-            tokio::spawn(async move { attend(stream, client.ip(), &site, PATIENCE, &place).await });
-        }
+        let place = places.enter(MOST_CONNECTIONS, client.ip());
+        let site = Arc::clone(&site);
+        tokio::spawn(async move { attend(stream, client.ip(), &site, PATIENCE, &place).await });
+        // Whoever has sent a request with the connection is heard before others can take its place.
+        yield_now().await;
     }
 }
 
@@ -237,7 +299,7 @@ mod tests {
             let (stream, address) = listener.accept().await.unwrap();
             let hint = Hint { place: String::new(), links: Vec::new() };
             let site = Site::of_packets(None, &hint, watch::channel(Snapshot::default()).1);
-            let (patience, place) = (Duration::from_millis(200), Places::default().enter(1).unwrap());
+            let (patience, place) = (Duration::from_millis(200), Places::default().enter(1, address.ip()));
             let ended =
                 tokio::time::timeout(Duration::from_mins(1), attend(stream, address.ip(), &site, patience, &place))
                     .await;

@@ -91,6 +91,11 @@ fn sources(libraries: &Path) -> Vec<PathBuf> {
 impl Head {
     /// `None`, with a note, if there is no browser.
     fn start(size: (u32, u32)) -> Option<Self> {
+        Self::with(size, SETTINGS)
+    }
+
+    /// As [`Self::start`], with these settings.
+    fn with(size: (u32, u32), settings: &str) -> Option<Self> {
         if !Browser::is_installed() {
             skip("there is no chromium; scripts/setup tests installs it");
             return None;
@@ -99,12 +104,12 @@ impl Head {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let config = path("facewire.toml");
-        fs::write(&config, SETTINGS).unwrap();
+        fs::write(&config, settings).unwrap();
         let mut service = Command::new(&program);
         service
             .args(["run", "--config", &config])
             .env("RUNTIME_DIRECTORY", folder.path())
-            .env_remove("STATE_DIRECTORY");
+            .env("STATE_DIRECTORY", path("kept"));
         service.env("FACEWIRE_SYSROOT", "/nonexistent").stdin(Stdio::null()).stdout(Stdio::null());
         let service = service.stderr(fs::File::create(path("log")).unwrap()).spawn().unwrap();
         let (control, state) = (path("control"), path("state"));
@@ -125,10 +130,15 @@ impl Head {
 
     /// Adds a link of this kind on the page of settings, and opens its form.
     fn add_link(&mut self, kind: &str) {
+        self.add_link_after(1, kind);
+    }
+
+    /// As [`Self::add_link`], after this many other links.
+    fn add_link_after(&mut self, links: usize, kind: &str) {
         self.browser.wait_until(&format!("document.querySelector('option[value={kind}]')"));
         self.browser.choose(&format!("document.querySelector('option[value={kind}]')?.parentElement"), kind);
         self.click("Add");
-        self.browser.click(&format!("Link 2: {kind}"));
+        self.browser.click(&format!("Link {}: {kind}", links + 1));
     }
 
     /// Sets a field of the second link.
@@ -294,7 +304,7 @@ fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     let jaw = "\n[[link.channel]]\nchannel = 1\nsources = { jawOpen = 1 }\ndmx = \"16-bit\"\n";
     let neck = "\n[[link.channel]]\nchannel = 3\nsources = { headYaw = 0.0125 }\noffset = 0.5\n";
     assert_eq!(head.saved(), [&*link, jaw, neck].concat());
-    eventually("no pulses of new servos", || has([0, 0, 0]));
+    head.browser.wait_for_text("All servos are released");
     head.browser.click("Let servos move again");
     eventually("the neutral face", || has([0, 1, 128]));
     head.drive("channel 1", 0.25, "", "Set end 1 here", || has([0x40, 1, 128]));
@@ -303,4 +313,39 @@ fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     let narrow = jaw.replace("dmx = \"16-bit\"\n", "dmx = \"16-bit\"\npulse_at_1_us = 1250\n");
     assert_eq!(head.saved(), [&*link, &narrow, neck].concat());
     assert_eq!(head.browser.errors(), Vec::<Value>::new());
+}
+
+#[test]
+fn a_slider_moves_the_board_of_its_card_although_the_draft_has_removed_the_board_before_it() {
+    let nodes = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    nodes.iter().for_each(|node| node.set_nonblocking(true).unwrap());
+    let addresses = nodes.each_ref().map(|node| node.local_addr().unwrap().to_string());
+    let board = |address: &String| {
+        format!(
+            "\n[[link]]\nkind = \"artnet\"\naddress = \"{address}\"\n\n[[link.channel]]\nchannel = 1\nsources = {{ jawOpen = 1 }}\n"
+        )
+    };
+    let Some(mut head) = Head::with(DESK, &[SETTINGS, &addresses.each_ref().map(board).concat()].concat()) else {
+        return;
+    };
+    // The values that have come since the last look.
+    let values = |node: &UdpSocket| {
+        let mut bytes = [0; 18 + 512];
+        std::iter::from_fn(|| node.recv(&mut bytes).ok().map(|_| bytes[18])).collect::<Vec<_>>()
+    };
+    head.browser.click("Link 2: artnet");
+    head.click("Remove this link");
+    head.add_link_after(2, "artnet");
+    head.browser.turn_to("servos");
+    head.browser.wait_for_text("This board is new or changed");
+    let names = "[...document.querySelectorAll('.board')].map((board) => board.ariaLabel).join()";
+    let names = head.browser.value(names).as_str().unwrap().to_owned();
+    assert!(names.contains(&addresses[1]) && !names.contains(&addresses[0]), "{names}");
+    head.look("a board that was removed and one that is new");
+    head.drive("channel 1", 1.0, "", "Disarm", || values(&nodes[1]).last() == Some(&255));
+    let of_first = values(&nodes[0]);
+    assert!(
+        !of_first.is_empty() && of_first.iter().all(|value| *value == 1),
+        "the jaw of the other board: {of_first:?}"
+    );
 }

@@ -17,6 +17,7 @@ use common::{
     skip,
 };
 use facewire_packet::control::{Refusal, Take};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
 const SETTINGS: &str = "# My head\n[camera]\nfps = 60 # fast\n\n[[link]]\nkind = \"maestro\"\n\n[[link.channel]]\nchannel = 0\n\
@@ -179,6 +180,108 @@ fn stop_does_not_wait_for_answers_that_do_not_come() {
     // They are asked again behind it.
     console.service.seen.lock().unwrap().is_stuck = false;
     browser.wait_until("window.settled === 12");
+}
+
+/// A console with the page of an operator who has logged in from elsewhere, or `None` with a note.
+fn log_in_from_elsewhere(page: &str) -> Option<(Console, Browser, IpAddr)> {
+    let Some(address) = elsewhere() else {
+        skip("this machine has no address besides loopback");
+        return None;
+    };
+    let (console, mut browser) = open(page, PHONE)?;
+    console.post("password", &json!({"new": "a good password"}));
+    browser.open(&url(&console, address, page));
+    log_in(&mut browser, "a good password");
+    Some((console, browser, address))
+}
+
+fn log_in(browser: &mut Browser, password: &str) {
+    browser.fill(&element("input"), password);
+    browser.click("Log in");
+    browser.wait_until("document.getElementById('stop')?.disabled === false");
+}
+
+#[test]
+fn a_page_whose_session_ends_says_before_it_is_pressed_that_stop_does_not_work() {
+    let Some((console, mut browser, address)) = log_in_from_elsewhere("health") else { return };
+    let token = console.post("tokens/look", &json!({})).json()["token"].clone();
+    assert_eq!(browser.value("document.body.innerText.includes('STOP does not work')"), false);
+    console.post("password", &json!({"new": "another password"}));
+    browser.wait_for_text(
+        "STOP does not work here: this page is logged out. To stop servos, log in, or switch their supply off.",
+    );
+    browser.screenshot("logged out");
+    log_in(&mut browser, "another password");
+    browser.wait_until("!document.body.innerText.includes('STOP does not work')");
+    browser.click("STOP");
+    until_asked(&console, &json!({"do": "release", "on": true}));
+    // Somebody opens a link to look in another tab, which changes the cookie of this page.
+    let body = json!({"token": token}).to_string();
+    let headers = "Content-Type: application/json\r\n";
+    let looker = console.ask(address, "POST /api/1/login", headers, &body).unwrap().cookie();
+    let value = looker.trim().rsplit_once('=').unwrap().1;
+    let page = url(&console, address, "");
+    browser.call("Network.setCookie", &json!({"name": "facewire-console", "value": value, "url": page}));
+    browser.wait_for_text("STOP does not work here: this browser may only look now");
+}
+
+#[test]
+fn a_new_password_is_set_with_the_old_one_and_the_page_goes_on() {
+    let Some((console, mut browser, address)) = log_in_from_elsewhere("links") else { return };
+    let [old, new] = ["Old password", "New password"].map(|label| labelled("#page-links", label));
+    browser.fill(&old, "a wrong password");
+    browser.fill(&new, "another password");
+    browser.click("Change");
+    browser.wait_for_text("The password or the token is wrong.");
+    browser.fill(&old, "a good password");
+    browser.click("Change");
+    browser.wait_for_text("The password is changed.");
+    browser.click("STOP");
+    until_asked(&console, &json!({"do": "release", "on": true}));
+    let body = json!({"password": "another password"}).to_string();
+    let headers = "Content-Type: application/json\r\n";
+    assert_eq!(console.ask(address, "POST /api/1/login", headers, &body).unwrap().status, 200);
+    // On the board it takes no old one.
+    browser.open("about:blank");
+    browser.open(&url(&console, [127, 0, 0, 1].into(), "links"));
+    browser.wait_for_text("New password");
+    assert_eq!(browser.value(&format!("Boolean({old})")), false);
+}
+
+#[test]
+fn a_stop_that_has_failed_is_told_until_one_succeeds_on_the_login_form_too() {
+    let Some((console, mut browser, _)) = log_in_from_elsewhere("health") else { return };
+    console.service.seen.lock().unwrap().refusal = Some(("release", "the line is cut."));
+    browser.click("STOP");
+    let told = "The servos were not released: the line is cut. Switch their supply off.";
+    browser.wait_for_text(told);
+    browser.turn_to("wearer");
+    browser.wait_for_text(told);
+    console.post("password", &json!({"new": "another password"}));
+    browser.wait_until("document.querySelector('.login')");
+    browser.wait_for_text(told);
+    browser.screenshot("stop failed");
+    log_in(&mut browser, "another password");
+    browser.wait_for_text(told);
+    console.service.seen.lock().unwrap().refusal = None;
+    browser.click("STOP");
+    browser.wait_until("!document.body.innerText.includes('not released')");
+}
+
+#[test]
+fn a_console_that_falls_silent_is_told_and_so_is_a_stop_that_it_does_not_answer() {
+    let Some((console, mut browser)) = open("health", PHONE) else { return };
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+    let pid = Pid::from_raw(console.viewer.pid().try_into().unwrap()).unwrap();
+    kill_process(pid, Signal::STOP).unwrap();
+    browser.wait_for_text("STOP does not work here: the console is silent. To stop servos, switch their supply off.");
+    browser.click("STOP");
+    browser.wait_for_text("The servos were not released: The console does not answer.");
+    browser.screenshot("silent");
+    kill_process(pid, Signal::CONT).unwrap();
+    browser.wait_until("!document.body.innerText.includes('STOP does not work')");
+    browser.click("STOP");
+    browser.wait_until("!document.body.innerText.includes('not released')");
 }
 
 #[test]

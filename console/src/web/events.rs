@@ -21,12 +21,13 @@ use hyper::{
 };
 use serde_json::{Value, json};
 use tokio::{
+    runtime::Handle,
     select,
     sync::{OwnedSemaphorePermit, Semaphore, watch},
     time::{sleep_until, timeout},
 };
 
-use super::{Body, Refusal};
+use super::{Answer, Refusal};
 use crate::{
     access::{Caller, Role},
     console::{Console, News},
@@ -68,9 +69,10 @@ impl Events {
         Self { hello, snapshots, places: Arc::new(Semaphore::new(most)), start: Instant::now() }
     }
 
-    /// Opens a stream, if there is a place for one more.
-    pub fn open(&self, service: Option<(&Arc<Console>, Caller)>) -> Result<Response<Body>, Refusal> {
-        let may_only_look = service.as_ref().is_some_and(|(_, caller)| caller.role < Some(Role::Operate));
+    /// Opens a stream, if there is a place for one more. Its events are made in the workshop.
+    pub fn open(&self, service: Option<(&Arc<Console>, Caller)>, workshop: &Handle) -> Answer {
+        let may_only_look =
+            service.as_ref().is_some_and(|(console, caller)| console.access.must(caller, Role::Operate).is_err());
         if may_only_look && self.places.available_permits() <= OPERATORS_STREAMS {
             return Err(FULL);
         }
@@ -78,7 +80,7 @@ impl Events {
         let (sender, body) = Channel::new(1);
         let news = service.map(|(console, caller)| Subscription::new(console, caller));
         let stream = Stream { sender, snapshots: self.snapshots.clone(), news, start: self.start, _place: place };
-        tokio::spawn(stream.run(self.hello.clone()));
+        workshop.spawn(stream.run(self.hello.clone()));
         let mut response = Response::new(body.boxed());
         response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
         Ok(response)
@@ -95,11 +97,11 @@ struct Stream {
 }
 
 impl Stream {
-    /// Sends news until the client goes away.
+    /// Sends news until the client goes away, or may not look any more.
     async fn run(mut self, hello: String) {
         let mut event = hello;
         let mut due = tokio::time::Instant::now();
-        while self.sender.send_data(event.into()).await.is_ok() {
+        while self.may_look() && self.sender.send_data(event.into()).await.is_ok() {
             sleep_until(due).await;
             // Either something new has come, or it is time for the same snapshot again.
             let is_quiet = timeout(KEEP_ALIVE, self.changed()).await.is_err();
@@ -107,6 +109,13 @@ impl Stream {
             // A period is counted from the time at which the last snapshot was due, so that late wake-ups do not add up.
             due = (due + PERIOD).max(tokio::time::Instant::now());
         }
+    }
+
+    /// Whether the session that has opened the stream still goes on. Packets are shown to whoever has found the page.
+    fn may_look(&self) -> bool {
+        self.news
+            .as_ref()
+            .is_none_or(|Subscription { console, caller, .. }| console.access.must(caller, Role::Look).is_ok())
     }
 
     /// Waits for something new, and leaves it marked as new.
@@ -164,7 +173,7 @@ impl Subscription {
         let events = changed.filter_map(|(name, value)| {
             let mut value = value.borrow_and_update().clone();
             if *name == "status" {
-                *value.get_mut("operator")? = console.servos.operator(&caller.identity);
+                *value.get_mut("operator")? = console.servos.operator(caller);
             }
             Some(format!("event: {name}\ndata: {value}\n\n"))
         });

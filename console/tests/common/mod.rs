@@ -133,10 +133,10 @@ impl Viewer {
         self.get(&self.path(part), &format!("Host: {}\r\n", self.host()))
     }
 
-    /// Opens a stream of events.
+    /// Opens a stream of events on this machine.
     pub fn events(&self) -> EventLines {
         let mut stream = self.connect();
-        let _ = write!(stream, "GET {} HTTP/1.1\r\nHost: {}\r\n\r\n", self.path("api/1/events"), self.host());
+        let _ = write!(stream, "GET {} HTTP/1.1\r\nHost: localhost\r\n\r\n", self.path("api/1/events"));
         EventLines(BufReader::new(stream))
     }
 }

@@ -116,7 +116,9 @@ fn status(seen: &Seen) -> Value {
                    facewire_stage_seconds_bucket{le=\"+Inf\",stage=\"mesh\"} 100\n\
                    facewire_impaired{by=\"dark\"} 1\n# EOF\n";
     let of = |what: &'static str| seen.requests.iter().filter(move |request| request["do"] == what);
-    let is_released = of("release").next_back().is_some_and(|request| request["on"] == true);
+    // A service that is stuck releases nothing. One that has not reached a board has released all others.
+    let is_stuck = seen.refusal.is_some_and(|(refused, why)| refused == "release" && !why.contains("not reached"));
+    let is_released = !is_stuck && of("release").next_back().is_some_and(|request| request["on"] == true);
     let channel = |number: u32| {
         let last = seen.lines.iter().rev().find(|(_, line)| line["channel"] == number);
         let position = last.map_or(json!(0.5), |(_, line)| line["position"].clone());
@@ -208,6 +210,8 @@ pub struct Console {
 pub struct Answer {
     pub status: u16,
     pub headers: HashMap<String, String>,
+    /// The names and values of the cookies that it sets.
+    pub cookies: Vec<String>,
     pub body: Vec<u8>,
 }
 
@@ -220,9 +224,15 @@ impl Answer {
         String::from_utf8_lossy(&self.body).into_owned()
     }
 
-    /// The cookie that it sets, as a header of the next request.
+    /// The cookie of the session that it sets, as a header of the next request.
     pub fn cookie(&self) -> String {
-        format!("Cookie: {}\r\n", self.headers["set-cookie"].split(';').next().unwrap())
+        let cookie = self.cookies.iter().find(|cookie| cookie.starts_with("facewire-console="));
+        format!("Cookie: {}\r\n", cookie.unwrap_or_else(|| panic!("it sets no cookie: {}", self.text())))
+    }
+
+    /// All cookies that it sets.
+    pub fn all_cookies(&self) -> String {
+        format!("Cookie: {}\r\n", self.cookies.join("; "))
     }
 }
 
@@ -261,12 +271,21 @@ impl Console {
         fs::read_to_string(self.folder.path().join("facewire.toml")).unwrap()
     }
 
+    /// The cookie that a browser on this machine gets, as a header.
+    pub fn name(&self) -> String {
+        self.get("session").cookie()
+    }
+
     pub fn port(&self) -> u16 {
         self.viewer.host().rsplit_once(':').unwrap().1.parse().unwrap()
     }
 
     pub fn get(&self, path: &str) -> Answer {
-        self.ask([127, 0, 0, 1].into(), &format!("GET /api/1/{path}"), "", "").unwrap()
+        self.get_with(path, "")
+    }
+
+    pub fn get_with(&self, path: &str, headers: &str) -> Answer {
+        self.ask([127, 0, 0, 1].into(), &format!("GET /api/1/{path}"), headers, "").unwrap()
     }
 
     pub fn post(&self, path: &str, body: &Value) -> Answer {
@@ -300,9 +319,11 @@ pub fn send(address: SocketAddr, bytes: &[u8], patience: Duration) -> Option<Ans
     let head = String::from_utf8(answer[..end].to_vec()).unwrap();
     let mut lines = head.lines();
     let status = lines.next()?.split(' ').nth(1)?.parse().unwrap();
-    let headers =
-        lines.filter_map(|line| line.split_once(": ")).map(|(name, value)| (name.to_lowercase(), value.to_owned()));
-    Some(Answer { status, headers: headers.collect(), body: answer.split_off(end + 4) })
+    let headers = lines.filter_map(|line| line.split_once(": "));
+    let headers: Vec<_> = headers.map(|(name, value)| (name.to_lowercase(), value.to_owned())).collect();
+    let cookies = headers.iter().filter(|(name, _)| name == "set-cookie");
+    let cookies = cookies.map(|(_, cookie)| cookie.split(';').next().unwrap().to_owned()).collect();
+    Some(Answer { status, headers: headers.into_iter().collect(), cookies, body: answer.split_off(end + 4) })
 }
 
 /// An address of this machine that is not loopback, so that requests to it come from elsewhere.

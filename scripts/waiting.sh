@@ -19,8 +19,8 @@ watched() {
     while true; do
         code=0
         read -r -t "$progress_s" -u "$end" status || code=$?
-        # A status above 128 means that the time ran out.
-        ((code > 128)) || break
+        # A status above 128 means that the time ran out, which may happen at the moment at which the command has ended.
+        if ((code <= 128)) || [[ -n $status ]]; then break; fi
         line=$(tail -n 1 "$log" | sed 's/^ *//')
         say "$what: for $((SECONDS - begin)) s now${line:+, at: $line}"
     done

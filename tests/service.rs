@@ -156,6 +156,8 @@ fn a_second_signal_ends_the_service_at_once() {
     let (mut service, _receiver) = Service::live(DEMO);
     let stuck = Stuck::stop(service.thread("fw-sender"));
     service.signal(Signal::TERM);
+    // Two signals at the same moment may reach two threads, of which neither sees that the other is stopping the service.
+    service.await_log("stopping");
     service.signal(Signal::INT);
     let run = ended(service, stuck);
     assert_eq!(run.status, Some(130), "{}", run.err);

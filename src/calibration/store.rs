@@ -8,13 +8,14 @@ use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use facewire_packet::control::{KeptProfile, Listed};
 use thiserror::Error;
 
 use super::guide::Calibration;
 use super::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
+use crate::capture::seconds_since_1970;
 
 /// Where the service manager puts the state of services.
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";
@@ -130,7 +131,7 @@ impl Store {
 
     pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
         let Calibration { profile, model, taken, left_out, refused } = calibration;
-        let made_at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+        let made_at_unix_s = seconds_since_1970(SystemTime::now());
         let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
         let (path, warning) = self.save(name, &file)?;
         let wearer = name.to_string();

@@ -20,7 +20,9 @@ pub use delivery::Delivery;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
 
-use std::{fmt, ops::RangeInclusive, time::Duration};
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use facewire_face::{Face, Picture};
 use rustix::time::{ClockId, clock_gettime};
@@ -203,6 +205,11 @@ pub fn monotonic_us() -> u64 {
     let time = clock_gettime(ClockId::Monotonic);
     let [seconds, nanoseconds] = [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
     seconds * 1_000_000 + nanoseconds / 1000
+}
+
+/// Returns a time of the system's clock in whole seconds since 1970.
+pub fn seconds_since_1970(time: SystemTime) -> u64 {
+    time.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
 #[cfg(test)]

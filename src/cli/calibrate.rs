@@ -4,7 +4,7 @@
 //! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
 
 use std::io::{self, IsTerminal as _};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use clap::Args;
 use rustix::termios::tcgetwinsize;
@@ -12,7 +12,7 @@ use rustix::termios::tcgetwinsize;
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
-use crate::capture::monotonic_us;
+use crate::capture::{monotonic_us, seconds_since_1970};
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::{DEFAULT_WEARER, OpenCamera};
@@ -125,7 +125,7 @@ fn told(report: &KeptProfile, use_it: &str) -> String {
 }
 
 fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
-    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+    let now_s = seconds_since_1970(SystemTime::now());
     let line = |Listed { wearer, profile }: &Listed| {
         let mark = if in_use == Some(wearer) { '*' } else { ' ' };
         match profile {

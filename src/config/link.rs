@@ -238,6 +238,20 @@ impl Section for Sources {
     }
 }
 
+/// The channels of a kind of link, as a reference like that to the kind.
+macro_rules! channels_of {
+    ($kind:expr) => {
+        match $kind {
+            LinkKind::Maestro(MaestroSettings { channels, .. })
+            | LinkKind::BusServo(BusServoSettings { channels, .. })
+            | LinkKind::Pca9685(Pca9685Settings { channels, .. })
+            | LinkKind::Sacn(SacnSettings { channels, .. })
+            | LinkKind::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),
+            _ => None,
+        }
+    };
+}
+
 impl LinkKind {
     fn takes() -> Takes {
         Takes::OneOf(Self::NAMES.to_vec())
@@ -313,25 +327,16 @@ impl LinkKind {
     }
 
     fn channels_mut(&mut self) -> Option<&mut Vec<ChannelSettings>> {
-        match self {
-            Self::Maestro(MaestroSettings { channels, .. })
-            | Self::BusServo(BusServoSettings { channels, .. })
-            | Self::Pca9685(Pca9685Settings { channels, .. })
-            | Self::Sacn(SacnSettings { channels, .. })
-            | Self::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),
-            _ => None,
-        }
+        channels_of!(self)
     }
 
     pub fn channels(&self) -> Option<&Vec<ChannelSettings>> {
-        match self {
-            Self::Maestro(MaestroSettings { channels, .. })
-            | Self::BusServo(BusServoSettings { channels, .. })
-            | Self::Pca9685(Pca9685Settings { channels, .. })
-            | Self::Sacn(SacnSettings { channels, .. })
-            | Self::ArtNet(ArtNetSettings { channels, .. }) => Some(channels),
-            _ => None,
-        }
+        channels_of!(self)
+    }
+
+    /// Whether a link of this kind moves servos by channels of its own.
+    pub fn moves_servos(&self) -> bool {
+        self.channels().is_some()
     }
 }
 
@@ -357,7 +362,7 @@ impl LinkSettings {
     /// A link of this kind with the settings that suit it.
     pub(super) fn of(kind: LinkKind) -> Self {
         let mut link = Self { kind, ..Self::default() };
-        if link.kind.channels().is_some() {
+        if link.kind.moves_servos() {
             let rate_hz = if link.kind.universe().is_some() { USUAL_HZ } else { SERVO_HZ };
             link.pace.pace = PaceKind::Rate;
             link.pace.rate_hz = rate_hz;

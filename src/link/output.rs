@@ -45,6 +45,20 @@ pub struct Output {
     pub is_puppet: bool,
 }
 
+impl Output {
+    /// A face that nobody has moved yet.
+    pub const NEUTRAL: Self = Self {
+        state: State::Neutral,
+        reason: Reason::None,
+        pose: Pose::NEUTRAL,
+        age_us: u64::MAX,
+        capture_us: 0,
+        followed: false,
+        moving: false,
+        is_puppet: false,
+    };
+}
+
 /// What a link remembers for the time after a loss.
 #[derive(Debug, Default)]
 pub struct Shown {
@@ -169,7 +183,7 @@ pub fn towards(pose: &Pose, target: &Pose, part: f32, limit: f32) -> Pose {
 pub fn test_output(state: State) -> Output {
     let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
     let moving = state == State::Decay;
-    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: false, moving, is_puppet: false }
+    Output { state, reason, moving, age_us: 0, ..Output::NEUTRAL }
 }
 
 #[cfg(test)]

@@ -65,10 +65,6 @@ impl Panel {
         ))
     }
 
-    pub fn moves_servos(&self) -> bool {
-        self.kind.channels().is_some()
-    }
-
     /// The kind and the receiver.
     pub fn name(&self) -> String {
         format!("{} {}", self.kind.name(), self.receiver)
@@ -98,7 +94,7 @@ impl Panel {
             dropped: self.dropped.load(Relaxed),
             trouble: self.trouble(),
             stop: self.kind.at_stop().map(str::to_owned),
-            released: self.moves_servos().then(|| self.dials.has_released()),
+            released: self.kind.moves_servos().then(|| self.dials.has_released()),
             channels: self.dials.channels.iter().map(channel).collect(),
         }
     }

@@ -5,8 +5,6 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use facewire_packet::{Pose, Reason, State};
-
 use super::{Link, Output, Rates, Traffic};
 use crate::capture::monotonic_us;
 use crate::config::LinkSettings;
@@ -17,16 +15,6 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 const CLOSING: Duration = Duration::from_millis(1500);
 const PERIOD: Duration = Duration::from_millis(3);
 const RATES: Rates = Rates { send_hz: 40, slew_per_s: 1.0 };
-const NEUTRAL: Output = Output {
-    state: State::Neutral,
-    reason: Reason::None,
-    pose: Pose::NEUTRAL,
-    age_us: u64::MAX,
-    capture_us: 0,
-    followed: false,
-    moving: false,
-    is_puppet: false,
-};
 
 /// Takes pulses and torque from the servos of these links, and returns for each link with a servo board whether the board has
 /// acknowledged that, or a sentence that says why not. Nodes of DMX hold or drop their servos by themselves when their stream
@@ -34,14 +22,14 @@ const NEUTRAL: Output = Output {
 pub fn release_servos(settings: &[LinkSettings]) -> Vec<(String, Result<(), String>)> {
     let traffic = Arc::<Traffic>::default();
     traffic.operator.is_released.store(true, Relaxed);
-    let boards = settings.iter().filter(|link| link.kind.channels().is_some() && link.kind.universe().is_none());
+    let boards = settings.iter().filter(|link| link.kind.moves_servos() && link.kind.universe().is_none());
     let mut links: Vec<_> = boards.map(|settings| (settings, Link::open(settings, &traffic))).collect();
     let end = Instant::now() + PATIENCE;
     loop {
         let mut is_over = true;
         for (settings, link) in &mut links {
             if let Ok(link) = link {
-                link.offer(settings, RATES, monotonic_us(), &NEUTRAL);
+                link.offer(settings, RATES, monotonic_us(), &Output::NEUTRAL);
                 is_over &= link.panel.dials.has_released();
             }
         }

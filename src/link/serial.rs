@@ -354,9 +354,7 @@ impl Port {
         }
         Ok(took)
     }
-}
 
-impl Port {
     /// Writes a message, and before it the limits for a Maestro. Returns whether the port took all of it.
     fn put(&mut self, message: &[u8]) -> io::Result<bool> {
         self.written.clear();
@@ -413,6 +411,19 @@ mod tests {
     use super::*;
     use crate::link::testing::eventually;
 
+    /// A line at 115,200 baud whose port was found.
+    fn line(attached: Attached, maestro: Option<MaestroSettings>) -> Line {
+        Line {
+            search: PortSearch::new(&SerialDevice::Auto, attached),
+            is_found: true,
+            baud: 115_200,
+            maestro,
+            release: None,
+            first_claim: None,
+            panel: Arc::default(),
+        }
+    }
+
     #[test]
     fn a_line_that_is_too_slow_is_always_busy_and_no_packet_waits_for_two_others_and_a_fast_one_drops_none() {
         // 57,600 baud carry 42.99 packets a second.
@@ -445,17 +456,8 @@ mod tests {
         modes.control_modes |= ControlModes::HUPCL;
         tcsetattr(&other, OptionalActions::Now, &modes).unwrap();
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
-        let search = PortSearch::new(&SerialDevice::Auto, Attached::Microcontroller);
         let maestro = Some(MaestroSettings::default());
-        let mut line = Line {
-            search,
-            is_found: true,
-            baud: 115_200,
-            maestro,
-            release: None,
-            first_claim: None,
-            panel: Arc::default(),
-        };
+        let mut line = line(Attached::Microcontroller, maestro);
         let mut port = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
             assert!(!port.write(b"dropped", &line.panel).unwrap());
@@ -493,16 +495,7 @@ mod tests {
         let channel = ChannelSettings { speed_per_s: 2.0, ..ChannelSettings::default() };
         let at = SerialDevice::Path(device.clone());
         let maestro = Some(MaestroSettings { device: at, channels: vec![channel], ..MaestroSettings::default() });
-        let search = PortSearch::new(&SerialDevice::Auto, Attached::Maestro);
-        let line = Line {
-            search,
-            is_found: true,
-            baud: 115_200,
-            maestro,
-            release: None,
-            first_claim: None,
-            panel: Arc::default(),
-        };
+        let line = line(Attached::Maestro, maestro);
         let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
         line.begin(&mut port);
         let limits = b"\x87\x00\x50\x00\x89\x00\x00\x00";

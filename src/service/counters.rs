@@ -4,7 +4,6 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use facewire_packet::{NeutralFace, State};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
@@ -136,10 +135,6 @@ fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(u
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
     let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();
     (format!("{key}={}", if held.is_empty() { "none".to_owned() } else { held.join(",") }), samples)
-}
-
-pub(super) fn seconds_since_1970(time: SystemTime) -> u64 {
-    time.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
 impl Counters {

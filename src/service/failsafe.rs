@@ -183,16 +183,7 @@ pub struct History {
 impl Default for History {
     fn default() -> Self {
         Self {
-            output: Output {
-                state: State::Neutral,
-                reason: Reason::NoCamera,
-                pose: Pose::NEUTRAL,
-                age_us: u64::MAX,
-                capture_us: 0,
-                followed: false,
-                moving: false,
-                is_puppet: false,
-            },
+            output: Output { reason: Reason::NoCamera, ..Output::NEUTRAL },
             reason: Reason::NoCamera,
             target: Pose::NEUTRAL,
             is_ramping: false,

@@ -41,14 +41,14 @@ pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
 use self::control::{Peers, Server};
-use self::counters::{Counters, OPEN_PATIENCE_US, seconds_since_1970};
+use self::counters::{Counters, OPEN_PATIENCE_US};
 use self::hot::{Event, HotLoop, Outlets};
 use self::realtime::Scheduling;
 use self::reload::{LoadSettings, Mailbox, Reloader};
 use self::sender::{Links, Sender};
 use self::supervisor::{Log, Supervisor};
 use crate::calibration::WearerName;
-use crate::capture::{CaptureError, monotonic_us};
+use crate::capture::{CaptureError, monotonic_us, seconds_since_1970};
 use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::{Pipeline, SetupError, load_profile};
@@ -189,7 +189,7 @@ fn end_control(stop: PipeWriter, thread: JoinHandle<()>) -> Result<(), ServiceEr
 
 /// Leaves the servos without pulses if an operator has released them since the machine was started.
 fn stay_released(settings: &Settings, config: Option<&str>, counters: &Counters) {
-    if !settings.links.iter().any(|link| link.kind.channels().is_some()) {
+    if !settings.links.iter().any(|link| link.kind.moves_servos()) {
         return;
     }
     let Some(since) = Kept::new(&settings.wearer, config).released_since() else { return };

@@ -134,7 +134,7 @@ impl Reloader {
 
     /// Has the loader keep the settings in force, by which `facewire rest` releases servos if later ones have faults.
     pub(super) fn keep_settings(&self) {
-        let has_servos = self.live.links.iter().any(|link| link.kind.channels().is_some());
+        let has_servos = self.live.links.iter().any(|link| link.kind.moves_servos());
         let Some(config) = self.config.clone().filter(|_| has_servos) else { return };
         let kept = Kept::new(&self.live.wearer, Some(&config));
         self.loader.begin(move || kept.keep_settings_of(&config));

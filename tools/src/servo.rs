@@ -120,7 +120,7 @@ impl ServoArgs {
             return LinkKind::BusServo(BusServoSettings { device, family, baud, ..BusServoSettings::default() });
         }
         let kinds = settings.links.iter().map(|link| &link.kind);
-        let found = kinds.clone().find(|kind| kind.channels().is_some() && kind.universe().is_none());
+        let found = kinds.clone().find(|kind| kind.moves_servos() && kind.universe().is_none());
         found.cloned().unwrap_or_else(|| LinkKind::Maestro(MaestroSettings::default()))
     }
 }

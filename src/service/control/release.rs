@@ -7,8 +7,8 @@ use std::time::{Duration, Instant, SystemTime};
 use facewire_packet::control::Reply;
 
 use super::{Peers, Task};
+use crate::capture::seconds_since_1970;
 use crate::link::Panel;
-use crate::service::counters::seconds_since_1970;
 use crate::service::kept::Kept;
 
 /// How long a client waits for boards to acknowledge a release.
@@ -40,7 +40,7 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     let counters = Arc::clone(&peers.counters);
     let end = Instant::now() + ACKNOWLEDGEMENT_PATIENCE;
     Task::Wait(Box::new(move || {
-        let boards = counters.panels().into_iter().filter(|panel| panel.moves_servos());
+        let boards = counters.panels().into_iter().filter(|panel| panel.kind.moves_servos());
         let (reached, missed): (Vec<_>, Vec<_>) = boards.partition(|panel| panel.dials.has_released());
         let is_told = operator.told_released.load(Relaxed);
         let is_over = (is_told && missed.is_empty()) || Instant::now() >= end;
@@ -64,8 +64,8 @@ fn outcome(is_told: bool, reached: &[Arc<Panel>], missed: &[Arc<Panel>]) -> Repl
         let named = named.collect::<Vec<_>>().join(", ");
         tracing::warn!("servos are not released: {named}");
         return Reply::Refused(format!(
-            "not reached: {named}. Switch the supply of these servos off. They are released as soon as they are reached; all \
-             others get no pulses"
+            "not reached: {named}. Switch the supply of these servos off. They are released as soon as they are reached; the \
+             others are stopped"
         ));
     }
     let is_silent = |panel: &&Arc<Panel>| !panel.kind.acknowledges();

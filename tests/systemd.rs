@@ -6,6 +6,7 @@
 mod common;
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
 use std::process::Command;
@@ -234,4 +235,70 @@ fn each_unit_keeps_the_directives_that_protect_the_machine_and_the_robot_and_get
         );
         fs::write(&path, whole).unwrap();
     }
+}
+
+/// Directives of the service that the helper leaves out of what it runs.
+const LEFT_OUT: [(&str, &str); 7] = [
+    ("Type", "a command that ends by itself tells the manager nothing"),
+    ("ExecStart", "the helper runs a command of its own"),
+    ("ExecStopPost", "servos that the service moves would be released"),
+    ("ExecReload", "a command is not reloaded"),
+    ("Restart", "a command runs once"),
+    ("Watchdog", "a command does not serve the watchdog"),
+    ("RuntimeDirectory", "the sockets of the service would be removed with it"),
+];
+
+/// The directives of the sections `[Service]`, in their order. Addresses stand alone, as systemd-run takes them.
+fn directives(unit: &str) -> Vec<String> {
+    let (mut is_service, mut directives) = (false, Vec::new());
+    for line in unit.lines().filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        if line.starts_with('[') {
+            is_service = line == "[Service]";
+        } else if is_service {
+            match line.split_once('=').unwrap() {
+                (name @ ("IPAddressAllow" | "IPAddressDeny"), value) if !value.is_empty() => {
+                    directives.extend(value.split_whitespace().map(|word| format!("{name}={word}")));
+                }
+                _ => directives.push(line.to_owned()),
+            }
+        }
+    }
+    directives
+}
+
+#[test]
+fn what_the_helper_runs_is_confined_by_the_unit_of_the_service_and_its_drop_ins_or_not_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = |name: &str, code: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, format!("#!/bin/sh\n{code}\n")).unwrap();
+        fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    let unit = folder.path().join("unit");
+    program("systemctl", &format!("[ \"$*\" = 'cat facewire.service' ] && cat '{}'", text(&unit)));
+    program("systemd-run", "printf '%s\\n' \"$@\"");
+    let ask = || {
+        let path = format!("{}:/usr/bin:/bin", folder.path().display());
+        Run::fed(Command::new(project("systemd/facewire-helper")).env("PATH", path), b"devices\n")
+    };
+    assert_eq!(ask().out, "", "without the unit nothing is run");
+
+    let mut whole = fs::read_to_string(project("systemd/facewire.service")).unwrap();
+    for drop_in in fs::read_dir(project("systemd/facewire.service.d")).unwrap() {
+        whole.push_str(&fs::read_to_string(drop_in.unwrap().path()).unwrap());
+    }
+    let is_left_out = |line: &String| LEFT_OUT.iter().any(|(name, _)| line.starts_with(name));
+    let (left_out, mut wanted): (Vec<String>, Vec<String>) = directives(&whole).into_iter().partition(is_left_out);
+    for (name, _) in LEFT_OUT {
+        assert!(left_out.iter().any(|line| line.starts_with(name)), "the unit has no {name}");
+    }
+    // As an operator may write it.
+    whole.push_str("[Service]\n  Environment = A=1 \\\n B=2  \n; Nice=1\n[Unit]\nBefore=a.service\n");
+    wanted.push("Environment=A=1   B=2".to_owned());
+    fs::write(unit, whole).unwrap();
+    let run = ask().out;
+    let passed: Vec<&str> = run.lines().filter_map(|line| line.strip_prefix("--property=")).collect();
+    assert_eq!(passed[..2], ["RuntimeMaxSec=55", "User=facewire"]);
+    assert_eq!(passed[2..], wanted);
+    assert!(run.ends_with("\n/usr/bin/facewire\ndevices\n--json\n"), "{run}");
 }

@@ -53,7 +53,7 @@ struct Kind {
     package: &'static str,
     name: &'static str,
     /// The hash of the type's definition.
-    #[cfg_attr(not(any(feature = "zenoh", test)), expect(dead_code, reason = "DDS knows a type by its name"))]
+    #[cfg_attr(not(any(feature = "zenoh", test)), expect(dead_code, reason = "RustDDS announces no user data"))]
     hash: &'static str,
     is_latched: bool,
 }
@@ -72,7 +72,7 @@ impl Kind {
 // The hashes of the types' definitions (RIHS01 of REP 2016): SHA-256 of the description as JSON, with the names and types of
 // all fields, as rosidl_generator_type_description writes it. They are calculated from the .msg files of Jazzy, which Kilted
 // and Lyrical have unchanged, and of hri_msgs 2.0.0, of which 2.3.2 changed other messages alone; the Python package rosbags
-// calculates the same, and `ros2 topic info --verbose` prints them. To calculate one again:
+// calculates the same, and `ros2 topic info --verbose` prints them for writers of ROS. To calculate one again:
 // `rosbags.typesys.get_typestore(Stores.ROS2_JAZZY).hash_rihs01("std_msgs/msg/Bool")`.
 const JOINT_STATE: Kind =
     Kind::new("sensor_msgs", "JointState", "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e");

@@ -2,6 +2,7 @@
 
 listen.py mqtt PORT TOPIC            messages, by paho-mqtt
 listen.py dds DOMAIN TYPE TOPIC...   samples of topics of one type, by CycloneDDS, with the quality that ROS asks for
+listen.py writers DOMAIN             topics and user data of writers that CycloneDDS finds, and of one of its own
 listen.py router PORT                tokens of nodes and writers, by a router of eclipse-zenoh
 listen.py zenoh PORT DOMAIN TYPE TOPIC   messages as rmw_zenoh reads them, by eclipse-zenoh, with hashes and CDR by rosbags
 """
@@ -80,6 +81,25 @@ def dds(domain, kind, *topics):
         time.sleep(0.01)
 
 
+def writers(domain):
+    """Prints the topic and the user data of each writer."""
+    from cyclonedds import builtin
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.topic import Topic
+
+    participant = DomainParticipant(int(domain))
+    found = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
+    topic = Topic(participant, "own", types()["std_msgs/Bool"])
+    own = DataWriter(participant, topic, qos=Qos(Policy.Userdata(b"of its own")))
+    while own:
+        for writer in found.take(N=100):
+            data = writer.qos[Policy.Userdata]
+            print(json.dumps([writer.topic_name, data.data.decode() if data else ""]), flush=True)
+        time.sleep(0.01)
+
+
 def session(mode, way, port):
     """Returns a session of Zenoh that uses a port of this machine, and nothing else."""
     import zenoh
@@ -130,4 +150,4 @@ def zenoh(port, domain, kind, topic):
     reader.close()
 
 
-{"mqtt": mqtt, "dds": dds, "router": router, "zenoh": zenoh}[sys.argv[1]](*sys.argv[2:])
+{"mqtt": mqtt, "dds": dds, "writers": writers, "router": router, "zenoh": zenoh}[sys.argv[1]](*sys.argv[2:])

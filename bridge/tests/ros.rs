@@ -3,7 +3,7 @@
 
 mod common;
 
-use std::{env, fs::File, time::Duration};
+use std::{collections::HashMap, env, fs::File, time::Duration};
 
 use common::{Board, Bridge, Program, SETUP, eventually, listener, python, sending};
 use facewire_packet::BLENDSHAPES;
@@ -142,4 +142,22 @@ fn action_units_are_published_for_ros4hri_if_they_are_asked_for() {
     let jaw = |units: &Value| units["intensity"][26].as_f64().unwrap();
     let units = sample(&mut units, "an open jaw", |units| (jaw(units) - 0.25).abs() < 1e-4);
     assert_eq!((&units["confidence"][26], &units["confidence"][25]), (&1.0.into(), &0.0.into()));
+}
+
+/// ROS 2 reads the hash of a type in the user data of writers. RustDDS 0.15 reads user data, but cannot write any. Once it can, this
+/// test fails: then write the hashes, and test that they come.
+#[test]
+fn until_rustdds_writes_user_data_writers_are_found_without_the_hashes_of_their_types() {
+    let Some(python) = python("cyclonedds", SETUP) else { return };
+    let domain = Domain::new();
+    let _bridge = Bridge::start(&["--ros", "--ros-domain", &domain.number]);
+    let mut writers = listener(&python, &["writers", &domain.number]);
+    let mut found: HashMap<String, String> = HashMap::new();
+    while !["own", "rt/tf"].iter().all(|topic| found.contains_key(*topic)) {
+        let (topic, user_data) = writers.wait_for("a writer", |line| serde_json::from_str(line).ok());
+        found.insert(topic, user_data);
+    }
+    // CycloneDDS writes user data, and the listener reads it.
+    assert_eq!(found["own"], "of its own");
+    assert_eq!(found["rt/tf"], "");
 }

@@ -23,7 +23,7 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     }
     operator.is_released.store(on, Relaxed);
     peers.sender.unpark();
-    peers.loader.begin(move || {
+    peers.keeper.begin(move || {
         if let Err(error) = kept.keep_released(on) {
             tracing::warn!("a restarted service will not know whether servos are released: {error}");
         }

@@ -62,10 +62,24 @@ impl Rig {
         let (puppet, played) = triple_buffer(&None);
         let sender = thread::current();
         let counters = Arc::default();
-        let loader = Loader::start().unwrap();
-        let peers =
-            Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters };
-        let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
+        let loader = Loader::start("fw-load").unwrap();
+        let keeper = Loader::start("fw-keep").unwrap();
+        let kept = Kept::inside(folder.path().join("state"), None);
+        let peers = Peers {
+            changes,
+            observed,
+            recorded,
+            watched,
+            hot,
+            sender,
+            puppet,
+            reload,
+            pictures,
+            loader,
+            keeper,
+            counters,
+        };
+        let (server, stop) = Server::new(Some(path), settings, None, kept, peers).unwrap();
         Self { folder, server, stop, observer, recorder, told, adopt, shown, reloads, played, copier }
     }
 
@@ -85,7 +99,8 @@ impl Rig {
     }
 
     fn settle(&mut self) {
-        self.server.peers.loader.load(|| ()).unwrap();
+        let Peers { loader, keeper, .. } = &self.server.peers;
+        [loader, keeper].iter().for_each(|disk| disk.load(|| ()).unwrap());
         self.server.serve();
     }
 
@@ -578,7 +593,7 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
     let mut release = rig.ask(Request::Release { on: true });
     rig.server.serve();
     assert!(release.next().is_none(), "the links have not been told");
-    let kept = Kept::new(&rig.server.settings.wearer, None);
+    let kept = rig.server.kept.clone();
     assert!(kept.released_since().is_some(), "a restarted service would give servos pulses");
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
     rig.server.serve();

@@ -269,6 +269,39 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
 }
 
 #[test]
+fn of_two_who_release_servos_and_let_them_move_at_once_the_first_is_told_of_the_second() {
+    for on in [true, false] {
+        let mut rig = Rig::new();
+        rig.server.peers.counters.traffic.operator.told_released.store(!on, Relaxed);
+        let mut first = rig.begin(Request::Release { on });
+        let _second = rig.begin(Request::Release { on: !on });
+        rig.server.serve();
+        let answer = first.next();
+        assert!(matches!(&answer, Some(Reply::Refused(why)) if why.contains("meanwhile")), "{on}: {answer:?}");
+    }
+}
+
+#[test]
+fn a_client_finds_a_place_beside_any_number_of_those_who_ask_nothing_but_none_beside_those_who_wait() {
+    let mut rig = Rig::new();
+    let far: Vec<_> = (0..MAX_CLIENTS)
+        .map(|_| client())
+        .map(|(client, far)| {
+            rig.server.clients.push_back((client, Task::Ask));
+            far
+        })
+        .collect();
+    rig.server.make_room(Speaks::Requests);
+    assert_eq!(rig.server.clients.len(), MAX_CLIENTS - 1);
+    assert_eq!((&far[0]).read(&mut [0]).unwrap(), 0, "the first one makes room");
+    rig.server.clients.iter_mut().for_each(|(_, task)| *task = Task::Watch);
+    let (client, _far) = client();
+    rig.server.clients.push_back((client, Task::Watch));
+    rig.server.make_room(Speaks::Requests);
+    assert_eq!(rig.server.clients.len(), MAX_CLIENTS);
+}
+
+#[test]
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     for (folder_mode, mode) in [(None, 0o600), (Some(0o710), 0o660), (Some(0o755), 0o600)] {
         let mut rig = Rig::new();

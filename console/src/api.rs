@@ -108,7 +108,7 @@ pub async fn release(console: &Arc<Console>, caller: &Caller, request: Request<I
     } else {
         console.servos.must_be_free_for(caller)?;
     }
-    let done = console.control.tell(&Command::Release { on }).await?;
+    let done = console.control.release(on).await?;
     console.changed.notify_one();
     Ok(ok(&json!({"done": done})))
 }
@@ -510,7 +510,7 @@ async fn keep(console: &Console, caller: &Caller, path: &str, text: String, base
     // As soon as a new servo gets pulses, it moves to a position that nobody has tried.
     let mut about_new_servo = "";
     if settings::adds_a_servo(&former, &text) {
-        about_new_servo = match console.control.tell(&Command::Release { on: true }).await {
+        about_new_servo = match console.control.release(true).await {
             Ok(_) => ". A servo is new: all servos are released until you let them move again",
             // A service that is away moves nothing.
             Err(ControlError::Away) => ". A servo is new: it moves as soon as the service starts",

@@ -2,7 +2,7 @@
 //! connection.
 //!
 //! Nothing here trusts the service to answer in time or briefly: a connection, a request and a plain answer have
-//! [`PATIENCE`] each, and a line has at most [`MOST_LINE_BYTES`].
+//! [`PATIENCE`] each, a release [`RELEASE_PATIENCE`], and a line has at most [`MOST_LINE_BYTES`].
 
 use std::{
     io,
@@ -24,6 +24,8 @@ use tokio::{
 
 /// Time in which the service must take a request, and answer it.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Time in which it must answer a release, after which nobody knows what the servos do. It waits a quarter of a second for boards.
+const RELEASE_PATIENCE: Duration = Duration::from_millis(500);
 /// A status with the metrics of all stages has some 40 kB.
 const MOST_LINE_BYTES: u64 = 512 * 1024;
 
@@ -93,6 +95,12 @@ impl Control {
         Ok(reply.get("done").and_then(Value::as_str).unwrap_or_default().to_owned())
     }
 
+    /// Has all servos released, or lets them move again.
+    pub async fn release(&self, on: bool) -> Result<String, ControlError> {
+        let told = timeout(RELEASE_PATIENCE, self.tell(&Request::Release { on })).await;
+        told.unwrap_or_else(|_| Err(ControlError::Silent(io::ErrorKind::TimedOut.into())))
+    }
+
     pub async fn status(&self) -> Result<Value, ControlError> {
         let mut reply = self.ask(&Request::Status {}).await?;
         Ok(reply.get_mut("status").map(Value::take).unwrap_or_default())
@@ -140,4 +148,23 @@ impl Connection {
 
 async fn within<T>(work: impl Future<Output = io::Result<T>>) -> io::Result<T> {
     timeout(PATIENCE, work).await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::{net::UnixListener, time::Instant};
+
+    use super::*;
+
+    /// The clock goes on only when everybody waits for it.
+    #[tokio::test(start_paused = true)]
+    async fn a_service_that_hangs_is_told_to_whoever_presses_stop_after_half_a_second() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control");
+        let _hangs = UnixListener::bind(&path).unwrap();
+        let begun = Instant::now();
+        let released = Control::new(Some(&path)).release(true).await;
+        assert!(matches!(released, Err(ControlError::Silent(_))), "{released:?}");
+        assert_eq!(begun.elapsed(), Duration::from_millis(500));
+    }
 }

@@ -177,15 +177,28 @@ impl Servos {
 
     /// Moves all channels on. Channels between those in use get no pulses.
     pub fn show<R: Registers>(&mut self, packet: &Packet, chip: &mut R, now: Instant) -> Result<(), R::Error> {
-        let period = self.period;
-        let channels = self.board.follow(packet, now);
-        let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number as u8));
-        let pulse_us =
-            |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(Channel::place_now);
-        let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
-        chip.write_channels(first, &registers)?;
+        self.board.follow(packet, now);
+        if !self.board.is_off {
+            // Some channels have pulses even if the chip fails while it is written to.
+            self.board.dials.note_released(false);
+        }
+        self.write(chip, Channel::place_now)?;
         self.board.dials.note_released(self.board.is_off);
         Ok(())
+    }
+
+    /// Takes the pulses of all channels.
+    pub fn release<R: Registers>(&self, chip: &mut R) -> Result<(), R::Error> {
+        self.write(chip, |_| None)
+    }
+
+    fn write<R: Registers>(&self, chip: &mut R, pulse_us: fn(&Channel) -> Option<f32>) -> Result<(), R::Error> {
+        let Self { period, board } = self;
+        let channels = &board.channels;
+        let [first, last] = [channels.first(), channels.last()].map(|channel| channel.map_or(0, |it| it.number as u8));
+        let pulse_us = |number| channels.iter().find(|channel| channel.number == u16::from(number)).and_then(pulse_us);
+        let registers: Vec<u8> = (first..=last).flat_map(|number| period.registers(pulse_us(number))).collect();
+        chip.write_channels(first, &registers)
     }
 }
 
@@ -386,5 +399,33 @@ mod tests {
             chip.0[6..10].copy_from_slice(&contents);
             assert_eq!(chip.pulses_us([0])[0].round(), want_us, "{mode1:#x} {mode2:#x} {contents:?}");
         }
+    }
+
+    /// A chip that fails while it is written to.
+    struct Failing(Simulated);
+
+    impl Registers for Failing {
+        type Error = ();
+
+        fn get(&mut self, register: u8) -> Result<u8, ()> {
+            self.0.get(register).map_err(|never| match never {})
+        }
+
+        fn put(&mut self, _: u8, _: &[u8]) -> Result<(), ()> {
+            Err(())
+        }
+    }
+
+    #[test]
+    fn a_chip_that_fails_while_it_gets_pulses_has_not_released_them_and_all_pulses_can_be_taken() {
+        let mut chip = Simulated::powered_on();
+        let mut servos = start(&mut chip);
+        servos.show(&Packet::NEUTRAL, &mut chip, Instant::now()).unwrap();
+        assert!(chip.pulses_us([9])[0] > 1000.0);
+        servos.release(&mut chip).unwrap();
+        assert_eq!(chip.pulses_us([9, 4]), [0.0; 2]);
+        servos.board.dials.note_released(true);
+        assert!(servos.show(&Packet::NEUTRAL, &mut Failing(chip), Instant::now()).is_err());
+        assert!(!servos.board.dials.has_released());
     }
 }

@@ -7,7 +7,6 @@ mod failure;
 pub mod log;
 
 use std::ffi::OsString;
-use std::fs;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{self, ExitCode};
@@ -17,7 +16,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, LinkSettings, Settings, WearerSettings};
+use crate::config::{self, Faults, LinkSettings, Settings};
 use crate::link::{check_settings, release_servos};
 use crate::service::{self, Kept};
 use facewire_board::{self as board, Machine};
@@ -134,10 +133,7 @@ impl SettingsArgs {
     /// kept is used even if they have faults.
     fn last_good_links(&self) -> Vec<LinkSettings> {
         let Some(path) = &self.config else { return Vec::new() };
-        let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
-        let folder = table.as_ref().and_then(|table| table.get("wearer")?.get("folder")?.as_str());
-        let wearer = WearerSettings { folder: folder.unwrap_or_default().to_owned(), ..WearerSettings::default() };
-        let kept = Kept::new(&wearer, path.to_str()).settings();
+        let kept = Kept::new(path.to_str()).settings();
         let settings = kept.and_then(|text| config::parse("the last settings that were good", &text).ok());
         settings.map_or_else(Vec::new, |settings| settings.links)
     }
@@ -187,17 +183,18 @@ impl Command {
     }
 }
 
-/// Releases the servos of all links before it prints anything, and fails if a board does not acknowledge that. If the settings
-/// have faults, the last ones of this file with which a service has run say where the servos are.
+/// Releases the servos of all links before it prints anything, and fails if a board does not acknowledge that. The last settings
+/// of this file with which a service has run say where servos are, too: the present ones may have faults, or be newer than
+/// the pulses.
 fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
     let loaded = arguments.load();
-    let links = match &loaded {
-        Ok(settings) => settings.links.clone(),
-        Err(_) => arguments.last_good_links(),
-    };
+    let links = loaded.as_ref().map_or_else(|_| Vec::new(), |settings| settings.links.clone());
+    let mut former = arguments.last_good_links();
+    former.retain(|former| !links.iter().any(|link| has_servos_of(link, former)));
     let mut released = String::new();
     let mut troubles = Vec::new();
-    for (link, outcome) in release_servos(&links) {
+    // One after the other, because both may lead to one port by different names or channels.
+    for (link, outcome) in [links, former].iter().flat_map(|links| release_servos(links)) {
         match outcome {
             Ok(()) => released += &format!("{link}: released\n"),
             Err(trouble) => troubles.push(trouble),
@@ -209,6 +206,13 @@ fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
         return Err(faults.into());
     }
     if troubles.is_empty() { printed } else { Err(Failure::unavailable(troubles.join("\n"))) }
+}
+
+/// Whether a link leads to the same board as a former one, and has all of its channels.
+fn has_servos_of(link: &LinkSettings, former: &LinkSettings) -> bool {
+    let [channels, former_channels] = [link, former].map(|link| link.kind.channels().map_or(&[][..], Vec::as_slice));
+    let has = |number| channels.iter().any(|channel| channel.channel == number);
+    link.to_string() == former.to_string() && former_channels.iter().all(|channel| has(channel.channel))
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

@@ -48,8 +48,10 @@ pub(super) trait Device: Send + 'static {
         true
     }
 
-    /// Prepares to close a device that another link opens at once: what it moves is left as it is.
-    fn hand_over(&mut self, _open: &mut Self::Open) {}
+    /// Lets go of what the device moves, before it is closed for good. A device that another link opens at once is left as it is.
+    fn let_go(&mut self, _open: &mut Self::Open) -> Result<(), LinkError> {
+        Ok(())
+    }
 }
 
 #[derive(Debug, Default)]
@@ -221,10 +223,7 @@ fn session(
                 thread::sleep(RETRY_PERIOD);
                 is_refused = !device.write(&mut open, newest.peek_output_buffer())?;
             }
-            if shared.hands_over.load(Relaxed) {
-                device.hand_over(&mut open);
-            }
-            return Ok(());
+            return if shared.hands_over.load(Relaxed) { Ok(()) } else { device.let_go(&mut open) };
         } else {
             device.attend(&mut open)?;
             shared.has_receiver.store(device.has_receiver(), Relaxed);

@@ -39,8 +39,6 @@ pub struct Port {
     told_troubles: String,
     logged: LoggedReasons,
     panel: Arc<Panel>,
-    /// Whether the next link to these servos finds them as they are.
-    keeps_torque: bool,
     _claim: PortClaim,
 }
 
@@ -64,7 +62,6 @@ impl Device for Servos {
             told_troubles: String::new(),
             logged: LoggedReasons::default(),
             panel: Arc::clone(&self.panel),
-            keeps_torque: false,
             _claim,
         })
     }
@@ -77,8 +74,8 @@ impl Device for Servos {
         is_made.map_err(|error| lost(&port.device, error))
     }
 
-    fn hand_over(&mut self, port: &mut Port) {
-        port.keeps_torque = true;
+    fn let_go(&mut self, port: &mut Port) -> Result<(), LinkError> {
+        port.let_go().map_err(|error| lost(&port.device, error))
     }
 }
 
@@ -109,18 +106,11 @@ impl Port {
         }
         self.told_troubles = troubles;
     }
-}
 
-impl Drop for Port {
-    fn drop(&mut self) {
-        if self.keeps_torque {
-            return;
-        }
+    fn let_go(&mut self) -> io::Result<()> {
         for _ in 0..STEPS_TO_REST {
             thread::sleep(STEP);
-            if self.step(&Packet::NEUTRAL).is_err() {
-                return;
-            }
+            self.step(&Packet::NEUTRAL)?;
             if self.line.is_at_rest() {
                 break;
             }
@@ -129,6 +119,6 @@ impl Drop for Port {
         thread::sleep(STEP);
         let mut message = Vec::new();
         self.line.release(&mut message);
-        let _ = self.tty.write(&message);
+        in_time(self.tty.write(&message)).map(drop)
     }
 }

@@ -143,6 +143,10 @@ impl Device for Chip {
         }
         Ok(())
     }
+
+    fn let_go(&mut self, bus: &mut Bus) -> Result<(), LinkError> {
+        self.servos.release(bus)
+    }
 }
 
 #[cfg(test)]

@@ -47,10 +47,13 @@ pub fn release_servos(settings: &[LinkSettings]) -> Vec<(String, Result<(), Stri
 fn outcome(settings: &LinkSettings, link: Result<&Link, &super::LinkError>) -> Result<(), String> {
     let trouble = match link {
         Ok(link) if link.panel.dials.has_released() => return Ok(()),
-        Ok(link) => link.panel.trouble().unwrap_or_else(|| format!("{settings}: it does not answer")),
+        Ok(link) => link.panel.trouble().unwrap_or_else(|| "it does not answer".to_owned()),
         Err(error) => error.message.clone(),
     };
-    Err(format!("link {trouble}; switch the supply of its servos off"))
+    // Some troubles begin with the name of the link.
+    let name = format!("{settings}: ");
+    let trouble = trouble.strip_prefix(&name).unwrap_or(&trouble);
+    Err(format!("link {name}{trouble}; switch the supply of its servos off"))
 }
 
 fn close(links: Vec<Link>) {

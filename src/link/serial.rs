@@ -27,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
-use facewire_servo::maestro::{ANSWER_BYTES, Reminder, SILENCE, errors, preamble, question};
+use facewire_servo::maestro::{ANSWER_BYTES, NONSENSE, Reminder, SILENCE, errors, preamble, question};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
@@ -181,6 +181,8 @@ struct Port {
     /// commands in their order, so its answer acknowledges the release.
     is_released: bool,
     is_asked_released: bool,
+    /// Whether the last answer came in time. If not, the next question waits, so that a late answer is not taken for its own.
+    answers: bool,
     /// When the restart, the preamble or the last question began.
     since: Instant,
     /// Whether the port takes messages. A message that a slow line leaves out does not count.
@@ -214,11 +216,26 @@ impl Device for Line {
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
+        let is_release = self.release.as_deref() == Some(message);
+        if !is_release {
+            // What the port takes of it may give pulses, even if that is not all of it.
+            (port.is_released, port.is_asked_released) = (false, false);
+            self.panel.dials.note_released(false);
+        }
         let took = port.write(message, &self.panel).map_err(|error| lost(&port.device, error))?;
-        if took {
-            self.note_written(port, message);
+        if took && is_release {
+            port.is_released = true;
+            // A Maestro that is never asked acknowledges nothing, so that what the port takes must do.
+            if self.maestro.as_ref().is_some_and(|it| !it.read_errors) {
+                self.panel.dials.note_released(true);
+            }
         }
         Ok(took)
+    }
+
+    fn let_go(&mut self, port: &mut Port) -> Result<(), LinkError> {
+        let Some(release) = self.release.as_ref().filter(|_| port.dtr.is_none()) else { return Ok(()) };
+        port.put(release).map(drop).map_err(|error| lost(&port.device, error))
     }
 
     fn attend(&mut self, port: &mut Port) -> Result<(), LinkError> {
@@ -253,17 +270,6 @@ impl Line {
         port.is_released && !self.panel.dials.has_released()
     }
 
-    /// Notes whether a message that the port took ends the pulses of a Maestro. One that is never asked acknowledges nothing, so
-    /// that what the port takes must do.
-    fn note_written(&self, port: &mut Port, message: &[u8]) {
-        port.is_released = self.release.as_deref() == Some(message);
-        port.is_asked_released &= port.is_released;
-        let is_silent = self.maestro.as_ref().is_some_and(|it| !it.read_errors);
-        if !port.is_released || is_silent {
-            self.panel.dials.note_released(port.is_released);
-        }
-    }
-
     /// Does what is due: ends the restart, asks, or takes the answer.
     fn advance(&self, port: &mut Port) -> io::Result<()> {
         let elapsed = port.since.elapsed();
@@ -275,19 +281,28 @@ impl Line {
             return Ok(());
         }
         let Some(settings) = &self.maestro else { return Ok(()) };
-        if port.is_asked && available >= ANSWER_BYTES {
+        if port.is_asked && (available >= ANSWER_BYTES || elapsed >= ANSWER_TIMEOUT) {
             port.is_asked = false;
             let mut answer = [0; ANSWER_BYTES];
-            port.tty.read_exact(&mut answer)?;
-            if port.is_asked_released {
-                self.panel.dials.note_released(true);
+            let found = match available {
+                0 | 1 => Err(SILENCE),
+                ANSWER_BYTES => port.tty.read_exact(&mut answer).map(|()| errors(answer))?,
+                _ => Err(NONSENSE),
+            };
+            port.answers = found.is_ok();
+            match found {
+                Ok(found) => {
+                    if port.is_asked_released {
+                        self.panel.dials.note_released(true);
+                    }
+                    found.for_each(|error| port.warn(error, &self.panel));
+                }
+                Err(trouble) => {
+                    self.panel.dials.note_released(false);
+                    port.warn(trouble, &self.panel);
+                }
             }
-            errors(answer).for_each(|error| port.warn(error, &self.panel));
-        } else if port.is_asked && elapsed >= ANSWER_TIMEOUT {
-            port.is_asked = false;
-            self.panel.dials.note_released(false);
-            port.warn(SILENCE, &self.panel);
-        } else if !port.is_asked && (elapsed >= INQUIRY_PERIOD || self.is_unacknowledged(port)) {
+        } else if !port.is_asked && (elapsed >= INQUIRY_PERIOD || (port.answers && self.is_unacknowledged(port))) {
             port.is_asked = settings.read_errors;
             port.is_asked_released = port.is_released;
             port.since = Instant::now();
@@ -309,6 +324,7 @@ impl Port {
             is_asked: false,
             is_released: false,
             is_asked_released: false,
+            answers: true,
             since: now,
             takes: true,
             took_at: now,
@@ -522,6 +538,51 @@ mod tests {
         assert_eq!(after(&mut port, 0), target, "no room");
         port.warn("an error", &line.panel);
         assert_eq!(after(&mut port, 0), both);
+    }
+
+    #[test]
+    fn what_comes_late_or_is_no_answer_acknowledges_no_release_and_a_part_of_another_message_ends_it() {
+        let (mut board, tty) = TTYPort::pair().unwrap();
+        let device = PathBuf::from(tty.name().unwrap());
+        let mut line = Line {
+            search: PortSearch::new(&SerialDevice::Auto, Attached::Maestro),
+            is_found: true,
+            baud: 115_200,
+            maestro: Some(MaestroSettings::default()),
+            release: Some(b"\x84\x00\x00\x00".to_vec()),
+            first_claim: None,
+            panel: Arc::default(),
+        };
+        let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
+        let dials = Arc::clone(&line.panel.dials);
+        // Returns whether an answer is awaited so long after the last question.
+        let after = |line: &mut Line, port: &mut Port, ms| {
+            port.since = Instant::now().checked_sub(Duration::from_millis(ms)).unwrap();
+            line.attend(port).unwrap();
+            port.is_asked
+        };
+        let mut answer = |port: &Port, bytes: &[u8]| {
+            board.write_all(bytes).unwrap();
+            eventually("the bytes", || port.tty.bytes_to_read().unwrap() as usize == bytes.len());
+        };
+        assert!(after(&mut line, &mut port, 1000), "asked while there are pulses");
+        let release = line.release.clone().unwrap();
+        assert!(line.write(&mut port, &release).unwrap());
+        assert!(!after(&mut line, &mut port, 500));
+        answer(&port, &[0, 0]);
+        assert!(!after(&mut line, &mut port, 0) && !dials.has_released(), "a late answer to what was asked before");
+        for nonsense in [&b"\xA1\x9F"[..], &[0; 3]] {
+            assert!(after(&mut line, &mut port, 1000));
+            answer(&port, nonsense);
+            assert!(!after(&mut line, &mut port, 0) && !dials.has_released(), "{nonsense:?}");
+            assert_eq!(line.panel.trouble().as_deref(), Some(NONSENSE));
+        }
+        assert!(after(&mut line, &mut port, 1000));
+        answer(&port, &[0, 0]);
+        assert!(!after(&mut line, &mut port, 0) && dials.has_released());
+        while port.tty.write(&[0; 1024]).is_ok() {}
+        let _ = line.write(&mut port, b"\x84\x00\x70\x2E");
+        assert!(!dials.has_released());
     }
 
     #[test]

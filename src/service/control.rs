@@ -56,8 +56,9 @@ use crate::config::{Listen, Settings};
 use crate::pipeline::is_same_profile;
 use crate::recording::Recorded;
 
-/// Number of clients at a time at each socket. The others wait in the queue of the socket.
-const MAX_CLIENTS: usize = 16;
+/// Number of clients at a time at each socket. If there are more, the one that has longest asked nothing makes room. If each of
+/// them waits for an answer, the others wait in the queue of the socket.
+const MAX_CLIENTS: usize = 64;
 /// How many of them may watch or wait, so that one who releases servos finds a free place.
 const MAX_WAITING: usize = 8;
 /// Time between two looks at what clients ask and the hot loop shows, and without clients at new settings.
@@ -85,6 +86,8 @@ pub(super) struct Peers {
     /// Takes those who ask for a reload.
     pub(super) reload: mpsc::Sender<mpsc::Sender<Reply>>,
     pub(super) loader: Loader,
+    /// Keeps what an operator orders, whatever holds up the loader.
+    pub(super) keeper: Loader,
     pub(super) counters: Arc<Counters>,
 }
 
@@ -107,6 +110,7 @@ pub(super) struct Server {
     endpoints: [Endpoint; 2],
     settings: Settings,
     config: Option<String>,
+    kept: Kept,
     peers: Peers,
     stop_signal: PipeReader,
     clients: VecDeque<(Client, Task)>,
@@ -121,6 +125,7 @@ impl Server {
         path: Option<PathBuf>,
         settings: Settings,
         config: Option<String>,
+        kept: Kept,
         peers: Peers,
     ) -> io::Result<(Self, PipeWriter)> {
         if path.is_none() {
@@ -132,7 +137,7 @@ impl Server {
         let endpoints = [control, Endpoint::new(settings.metrics.listen.clone(), Speaks::Http)];
         let clients = VecDeque::new();
         let shown = Shown::default();
-        Ok((Self { endpoints, settings, config, peers, stop_signal, clients, shown, has_failed: false }, stop))
+        Ok((Self { endpoints, settings, config, kept, peers, stop_signal, clients, shown, has_failed: false }, stop))
     }
 
     pub(super) fn start(self) -> io::Result<JoinHandle<()>> {
@@ -157,20 +162,34 @@ impl Server {
 
     fn wait(&mut self) -> bool {
         self.endpoints.iter_mut().for_each(Endpoint::open);
-        let inside = |speaks| self.clients.iter().filter(|(client, _)| client.speaks == speaks).count();
-        let admits = |endpoint: &&mut Endpoint| inside(endpoint.speaks) < MAX_CLIENTS && !endpoint.rests();
+        let of = |speaks| self.clients.iter().filter(move |(client, _)| client.speaks == speaks);
+        let has_room =
+            |speaks| of(speaks).count() < MAX_CLIENTS || of(speaks).any(|(_, task)| matches!(task, Task::Ask));
+        let admits = |endpoint: &&mut Endpoint| has_room(endpoint.speaks) && !endpoint.rests();
         let endpoints: Vec<_> = self.endpoints.iter_mut().filter(admits).collect();
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
         let listeners = endpoints.iter().filter_map(|endpoint| endpoint.listener.as_ref());
         polled.extend(listeners.map(|listener| PollFd::new(&listener.socket, PollFlags::IN)));
         let failure = poll(&mut polled, Some(if self.clients.is_empty() { &LOOK_IDLE } else { &LOOK_BUSY })).err();
         let goes_on = polled.first().is_some_and(|stop| stop.revents().is_empty());
-        let arrived = endpoints.into_iter().filter_map(Endpoint::accept);
-        self.clients.extend(arrived.map(|client| (client, Task::Ask)));
+        let arrived: Vec<_> = endpoints.into_iter().filter_map(Endpoint::accept).collect();
+        for client in arrived {
+            self.make_room(client.speaks);
+            self.clients.push_back((client, Task::Ask));
+        }
         if let Some(error) = failure.filter(|error| *error != Errno::INTR) {
             self.outlive(error);
         }
         goes_on
+    }
+
+    /// Closes the connection of whoever has longest asked nothing, if there is no place left.
+    fn make_room(&mut self, speaks: Speaks) {
+        let is_here = |client: &Client| client.speaks == speaks;
+        if self.clients.iter().filter(|(client, _)| is_here(client)).count() >= MAX_CLIENTS {
+            let idle = self.clients.iter().position(|(client, task)| is_here(client) && matches!(task, Task::Ask));
+            idle.map(|idle| self.clients.remove(idle));
+        }
     }
 
     /// Lets a moment pass in which the system may find the memory that it lacked. Clients are served all the same.
@@ -303,10 +322,7 @@ impl Server {
                 let status = status::status(&self.peers.counters, &self.settings, self.config.as_deref());
                 return Ok((Some(Reply::Status(Box::new(status))), Task::Leave));
             }
-            Request::Release { on } => {
-                let kept = Kept::new(&self.settings.wearer, self.config.as_deref());
-                release::release(on, &self.peers, kept)
-            }
+            Request::Release { on } => release::release(on, &self.peers, self.kept.clone()),
             Request::Drive {} if self.is_any(|task| matches!(task, Task::Drive)) => {
                 return Err("somebody else drives: try again when they have ended".into());
             }

@@ -404,7 +404,7 @@ mod tests {
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
         let counters = Arc::<Counters>::default();
-        let loader = Loader::start().unwrap();
+        let loader = Loader::start("fw-load").unwrap();
         let profile = Profile::default();
         let changes = mpsc::channel().1;
         let hot = HotLoop::new(settings, pipeline, profile, outlets, changes, Arc::clone(&counters), loader);

@@ -1,8 +1,9 @@
 //! What a service keeps on the disk for its next start: whether an operator has released all servos, and the last settings that
 //! were good.
 //!
-//! The files are in the folder of the wearers' profiles. Each service has its own, which are named after its file of settings,
-//! so that several services of one user do not obey each other's operators.
+//! The files are in the folder of the state, which the settings do not name, so that settings with faults or with another folder
+//! for profiles hide nothing. Each service has its own, which are named after its file of settings, so that several services of
+//! one user do not obey each other's operators.
 
 use std::fs::{self, DirBuilder};
 use std::io;
@@ -11,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::calibration::{Store, replace_file};
-use crate::config::WearerSettings;
 
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 /// The name of a service without a file of settings.
@@ -26,13 +26,14 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// What the service with this file of settings keeps in the folder of `wearer`.
+    /// What the service with this file of settings keeps.
     #[must_use]
-    pub fn new(wearer: &WearerSettings, config: Option<&str>) -> Self {
-        Self {
-            folder: Store::new(&wearer.folder).folder().to_owned(),
-            name: config.map_or(DEFAULT_NAME.to_owned(), name),
-        }
+    pub fn new(config: Option<&str>) -> Self {
+        Self::inside(Store::new("").folder().to_owned(), config)
+    }
+
+    pub(super) fn inside(folder: PathBuf, config: Option<&str>) -> Self {
+        Self { folder, name: config.map_or(DEFAULT_NAME.to_owned(), name) }
     }
 
     /// When an operator has released all servos, if that was since the machine was started and nobody has undone it.
@@ -92,9 +93,9 @@ impl Kept {
     }
 }
 
-/// The end of the absolute path, with a + in place of each slash.
+/// The end of the absolute path, with a + in place of each slash. A link is not followed, because it may soon lead elsewhere.
 fn name(config: &str) -> String {
-    let path = fs::canonicalize(config).or_else(|_| std::path::absolute(config)).unwrap_or_else(|_| config.into());
+    let path = std::path::absolute(config).unwrap_or_else(|_| config.into());
     let name = path.to_string_lossy().replace('/', "+");
     let start = name.len().saturating_sub(LONGEST_NAME_BYTES);
     let start = (start..name.len()).find(|at| name.is_char_boundary(*at)).unwrap_or(0);
@@ -103,18 +104,15 @@ fn name(config: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::os::unix::fs::symlink;
 
-    fn wearer(folder: &Path) -> WearerSettings {
-        WearerSettings { folder: folder.join("state").to_str().unwrap().to_owned(), ..WearerSettings::default() }
-    }
+    use super::*;
 
     #[test]
     fn each_service_keeps_its_own_release_and_settings_until_they_are_undone_or_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let wearer = wearer(folder.path());
         let [head, hand, none] = [Some("/etc/facewire/head.toml"), Some("/etc/facewire/hand.toml"), None]
-            .map(|config| Kept::new(&wearer, config));
+            .map(|config| Kept::inside(folder.path().join("state"), config));
         for one in [&head, &none] {
             assert!(one.released_since().is_none());
             one.keep_released(true).unwrap();
@@ -137,12 +135,27 @@ mod tests {
     #[test]
     fn a_release_before_the_last_start_of_the_machine_is_forgotten_and_a_long_path_names_a_file() {
         let folder = tempfile::tempdir().unwrap();
-        let wearer = wearer(folder.path());
         let long = format!("/{}/ü.toml", "ä".repeat(300));
-        let kept = Kept::new(&wearer, Some(&long));
+        let kept = Kept::inside(folder.path().join("state"), Some(&long));
         kept.keep_released(true).unwrap();
         assert!(kept.released_since().is_some() && kept.name.ends_with("+ü.toml"));
         fs::write(kept.released(), "another boot\n").unwrap();
         assert!(kept.released_since().is_none());
+    }
+
+    #[test]
+    fn a_release_holds_although_the_file_of_the_settings_is_a_link_that_leads_elsewhere_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("facewire.toml");
+        let kept = || Kept::inside(folder.path().join("state"), config.to_str());
+        for version in ["1.toml", "2.toml"] {
+            fs::write(folder.path().join(version), "").unwrap();
+            let _ = fs::remove_file(&config);
+            symlink(version, &config).unwrap();
+            if version == "1.toml" {
+                kept().keep_released(true).unwrap();
+            }
+            assert!(kept().released_since().is_some(), "{version}");
+        }
     }
 }

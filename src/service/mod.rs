@@ -89,10 +89,11 @@ pub fn run(
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     counters.catch_signals()?;
-    stay_released(&settings, config.as_deref(), &counters);
+    let kept = Kept::new(config.as_deref());
+    stay_released(&settings, &kept, &counters);
     let links = Links::change(&settings, Vec::new(), &counters.traffic)?;
     counters.set_panels(links.panels());
-    let loader = Loader::start()?;
+    let [loader, keeper] = [Loader::start("fw-load")?, Loader::start("fw-keep")?];
     let wanted = settings.clone();
     let pipeline = match loader.load(move || Pipeline::load(&wanted, true))? {
         Ok(pipeline) => Some(pipeline),
@@ -138,9 +139,10 @@ pub fn run(
         reload,
         pictures,
         loader: loader.clone(),
+        keeper: keeper.clone(),
         counters: shared(),
     };
-    let server = Server::new(socket(), settings.clone(), config.clone(), peers);
+    let server = Server::new(socket(), settings.clone(), config.clone(), kept.clone(), peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));
     // The face is sent without it, too.
     if let Err(error) = &control_thread {
@@ -156,6 +158,8 @@ pub fn run(
         control,
         counters: shared(),
         loader,
+        keeper,
+        kept,
         change: None,
         asked,
         askers: Vec::new(),
@@ -188,11 +192,11 @@ fn end_control(stop: PipeWriter, thread: JoinHandle<()>) -> Result<(), ServiceEr
 }
 
 /// Leaves the servos without pulses if an operator has released them since the machine was started.
-fn stay_released(settings: &Settings, config: Option<&str>, counters: &Counters) {
+fn stay_released(settings: &Settings, kept: &Kept, counters: &Counters) {
     if !settings.links.iter().any(|link| link.kind.moves_servos()) {
         return;
     }
-    let Some(since) = Kept::new(&settings.wearer, config).released_since() else { return };
+    let Some(since) = kept.released_since() else { return };
     counters.traffic.operator.is_released.store(true, Relaxed);
     counters.released_unix_s.store(seconds_since_1970(since), Relaxed);
     let minutes = since.elapsed().unwrap_or_default().as_secs() / 60;
@@ -247,10 +251,10 @@ fn spawn<T: Send + 'static>(
 pub(super) struct Loader(mpsc::Sender<Box<dyn FnOnce() + Send>>);
 
 impl Loader {
-    pub(super) fn start() -> io::Result<Self> {
+    pub(super) fn start(name: &str) -> io::Result<Self> {
         let (jobs, to_do) = mpsc::channel::<Box<dyn FnOnce() + Send>>();
         let run = || to_do.into_iter().for_each(|job| drop(catch_unwind(AssertUnwindSafe(job))));
-        Builder::new().name("fw-load".to_owned()).stack_size(STACK_BYTES).spawn(run)?;
+        Builder::new().name(name.to_owned()).stack_size(STACK_BYTES).spawn(run)?;
         Ok(Self(jobs))
     }
 

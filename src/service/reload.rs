@@ -94,6 +94,8 @@ pub(super) struct Reloader {
     pub(super) control: mpsc::Sender<(Settings, Option<u32>)>,
     pub(super) counters: Arc<Counters>,
     pub(super) loader: Loader,
+    pub(super) keeper: Loader,
+    pub(super) kept: Kept,
     /// The change that the loader prepares.
     pub(super) change: Option<Receiver<Outcome<Change>>>,
     /// Who asks for a reload, and who waits for the end of this one.
@@ -136,8 +138,8 @@ impl Reloader {
     pub(super) fn keep_settings(&self) {
         let has_servos = self.live.links.iter().any(|link| link.kind.moves_servos());
         let Some(config) = self.config.clone().filter(|_| has_servos) else { return };
-        let kept = Kept::new(&self.live.wearer, Some(&config));
-        self.loader.begin(move || kept.keep_settings_of(&config));
+        let kept = self.kept.clone();
+        self.keeper.begin(move || kept.keep_settings_of(&config));
     }
 
     /// Answers all who wait, and keeps the refusal for those who ask later. One who has gone needs no answer.
@@ -197,7 +199,8 @@ mod tests {
         let sender = Mailbox { changes: sender, thread };
         let load_settings = fixed(toml);
         let set_level = Box::new(|_| {});
-        let loader = Loader::start().unwrap();
+        let [loader, keeper] = [(); 2].map(|()| Loader::start("fw-load").unwrap());
+        let kept = Kept::inside("/nonexistent".into(), None);
         let counters = Arc::default();
         let change = None;
         let (asker, answer) = mpsc::channel();
@@ -214,6 +217,8 @@ mod tests {
             control,
             counters,
             loader,
+            keeper,
+            kept,
             change,
             asked,
             askers,

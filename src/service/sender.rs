@@ -181,7 +181,9 @@ impl Links {
                 linked.link = take(&linked.panel);
             } else if let Some(replaced) = linked.replaced.take() {
                 linked.panel.dials.begin_at(&replaced.dials);
-                take(&replaced).iter().for_each(Link::hand_over);
+                let has_all = replaced.dials.channels.iter().all(|dial| linked.panel.dials.has(dial.number));
+                // A link that is dropped lets go of its servos.
+                take(&replaced).iter().filter(|_| has_all).for_each(Link::hand_over);
             }
         }
         (0..STOPPING_PACKETS).for_each(|_| old.send_last(last));

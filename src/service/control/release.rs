@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use facewire_packet::control::Reply;
 
-use super::{Peers, Task};
+use super::{Peers, Task, wait::Answer};
 use crate::capture::seconds_since_1970;
 use crate::link::Panel;
 use crate::service::kept::Kept;
@@ -23,7 +23,7 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     }
     operator.is_released.store(on, Relaxed);
     peers.sender.unpark();
-    peers.loader.begin(move || {
+    peers.keeper.begin(move || {
         if let Err(error) = kept.keep_released(on) {
             tracing::warn!("a restarted service will not know whether servos are released: {error}");
         }
@@ -32,7 +32,10 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
         let done = "servos follow the face again";
         tracing::info!("{done}, as an operator wants it");
         return Task::Wait(Box::new(move || {
-            let is_told = operator.told_released.load(Relaxed) == operator.is_released.load(Relaxed);
+            if operator.is_released.load(Relaxed) {
+                return refused("an operator has released all servos meanwhile");
+            }
+            let is_told = !operator.told_released.load(Relaxed);
             is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
         }));
     }
@@ -40,12 +43,19 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     let counters = Arc::clone(&peers.counters);
     let end = Instant::now() + ACKNOWLEDGEMENT_PATIENCE;
     Task::Wait(Box::new(move || {
+        if !operator.is_released.load(Relaxed) {
+            return refused("somebody has let servos move again meanwhile. Press STOP again");
+        }
         let boards = counters.panels().into_iter().filter(|panel| panel.kind.moves_servos());
         let (reached, missed): (Vec<_>, Vec<_>) = boards.partition(|panel| panel.dials.has_released());
         let is_told = operator.told_released.load(Relaxed);
         let is_over = (is_told && missed.is_empty()) || Instant::now() >= end;
         is_over.then(|| (outcome(is_told, &reached, &missed), Vec::new()))
     }))
+}
+
+fn refused(why: &str) -> Option<Answer> {
+    Some((Reply::Refused(why.to_owned()), Vec::new()))
 }
 
 /// What the operator must know: which boards have not acknowledged the release, and which ones cannot.

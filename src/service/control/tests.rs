@@ -62,10 +62,24 @@ impl Rig {
         let (puppet, played) = triple_buffer(&None);
         let sender = thread::current();
         let counters = Arc::default();
-        let loader = Loader::start().unwrap();
-        let peers =
-            Peers { changes, observed, recorded, watched, hot, sender, puppet, reload, pictures, loader, counters };
-        let (server, stop) = Server::new(Some(path), settings, None, peers).unwrap();
+        let loader = Loader::start("fw-load").unwrap();
+        let keeper = Loader::start("fw-keep").unwrap();
+        let kept = Kept::inside(folder.path().join("state"), None);
+        let peers = Peers {
+            changes,
+            observed,
+            recorded,
+            watched,
+            hot,
+            sender,
+            puppet,
+            reload,
+            pictures,
+            loader,
+            keeper,
+            counters,
+        };
+        let (server, stop) = Server::new(Some(path), settings, None, kept, peers).unwrap();
         Self { folder, server, stop, observer, recorder, told, adopt, shown, reloads, played, copier }
     }
 
@@ -85,7 +99,8 @@ impl Rig {
     }
 
     fn settle(&mut self) {
-        self.server.peers.loader.load(|| ()).unwrap();
+        let Peers { loader, keeper, .. } = &self.server.peers;
+        [loader, keeper].iter().for_each(|disk| disk.load(|| ()).unwrap());
         self.server.serve();
     }
 
@@ -251,6 +266,39 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
     let Some(Reply::Done(done)) = answer(&mut rig) else { panic!("both have acknowledged it") };
     assert!(done.starts_with("servos get no pulses. artnet 127.0.0.1:9, universe 0"), "{done}");
     assert!(done.ends_with(": they hold their last values, with power; it cannot confirm that"), "{done}");
+}
+
+#[test]
+fn of_two_who_release_servos_and_let_them_move_at_once_the_first_is_told_of_the_second() {
+    for on in [true, false] {
+        let mut rig = Rig::new();
+        rig.server.peers.counters.traffic.operator.told_released.store(!on, Relaxed);
+        let mut first = rig.begin(Request::Release { on });
+        let _second = rig.begin(Request::Release { on: !on });
+        rig.server.serve();
+        let answer = first.next();
+        assert!(matches!(&answer, Some(Reply::Refused(why)) if why.contains("meanwhile")), "{on}: {answer:?}");
+    }
+}
+
+#[test]
+fn a_client_finds_a_place_beside_any_number_of_those_who_ask_nothing_but_none_beside_those_who_wait() {
+    let mut rig = Rig::new();
+    let far: Vec<_> = (0..MAX_CLIENTS)
+        .map(|_| client())
+        .map(|(client, far)| {
+            rig.server.clients.push_back((client, Task::Ask));
+            far
+        })
+        .collect();
+    rig.server.make_room(Speaks::Requests);
+    assert_eq!(rig.server.clients.len(), MAX_CLIENTS - 1);
+    assert_eq!((&far[0]).read(&mut [0]).unwrap(), 0, "the first one makes room");
+    rig.server.clients.iter_mut().for_each(|(_, task)| *task = Task::Watch);
+    let (client, _far) = client();
+    rig.server.clients.push_back((client, Task::Watch));
+    rig.server.make_room(Speaks::Requests);
+    assert_eq!(rig.server.clients.len(), MAX_CLIENTS);
 }
 
 #[test]
@@ -578,7 +626,7 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
     let mut release = rig.ask(Request::Release { on: true });
     rig.server.serve();
     assert!(release.next().is_none(), "the links have not been told");
-    let kept = Kept::new(&rig.server.settings.wearer, None);
+    let kept = rig.server.kept.clone();
     assert!(kept.released_since().is_some(), "a restarted service would give servos pulses");
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
     rig.server.serve();

@@ -72,7 +72,8 @@ pub enum Request {
 pub enum Drive {
     /// The same as before.
     Alive {},
-    /// A position of one servo. The other channels of the link are at rest, and all other links follow the face.
+    /// A position of one servo, which goes there within its limits, or at half of its range a second if its speed has none. The
+    /// other channels of the link are at rest, and all other links follow the face.
     Jog {
         /// The number of the link, from 0 on in the order of the settings.
         link: usize,

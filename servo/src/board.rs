@@ -253,4 +253,33 @@ mod tests {
         );
         assert!((0.95..0.97).contains(&dials.channels[1].position.get().unwrap()) && !dials.is_operated());
     }
+
+    #[test]
+    fn a_jog_of_a_channel_without_a_limit_of_speed_takes_two_seconds_from_end_to_end_on_every_board() {
+        let limited = |channel, speed_per_s| ChannelSettings { channel, speed_per_s, ..ChannelSettings::default() };
+        let settings = [limited(1, 0.0), limited(2, 2.0)];
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        operator.is_driven.store(true, Relaxed);
+        // Boards that keep the limits of the settings by themselves get the target, and others the place on the way there.
+        for (channel, second, at_once) in [(0, 1500.0, false), (1, 2000.0, true)] {
+            dials.jog(Some((settings[channel].channel as u16, 1.0)));
+            let mut places = (0..=100).map(|_| {
+                now += std::time::Duration::from_millis(20);
+                let moved = &board.follow(&Packet::NEUTRAL, now)[channel];
+                [moved.target_place(), moved.place_now()].map(|place| place.unwrap().round())
+            });
+            let [target, _] = places.next().unwrap();
+            assert_eq!(target == 2000.0, at_once, "{target}");
+            let [_, after_a_second] = places.nth(49).unwrap();
+            assert!((after_a_second - second).abs() <= 10.0, "{after_a_second}");
+            assert_eq!(places.last(), Some([2000.0; 2]));
+        }
+        dials.jog(None);
+        now += std::time::Duration::from_millis(20);
+        let resting = board.follow(&Packet::NEUTRAL, now)[0].target_place();
+        assert_eq!(resting, Some(1000.0), "the face moves it without a limit");
+    }
 }

@@ -62,12 +62,15 @@ function keptPlaces(links) {
 // How many numbers a channel takes.
 const width = (link, { dmx = DEFAULTS.dmx }) => (isDmx(link) && dmx !== "8-bit" ? 2 : 1);
 
-// The ends of a new bus servo: close to the middle, so that it moves little before its ends are set.
-function firstEnds(link) {
+// The settings of a new channel: it moves a little around its middle, and slowly, until somebody has found out how far its
+// mechanism lets it go.
+function beginning(link) {
+  const slow = { speed_per_s: 0.5 };
+  if (!isBus(link)) return { pulse_at_0_us: 1450, pulse_at_1_us: 1550, ...slow };
   const isNarrow = ["dynamixel-ax", "feetech-scs"].includes(link.family);
   const [degrees, steps] = isNarrow ? [300, 1024] : [360, 4096];
   const middle = (link.unit === "degrees" ? degrees : steps) / 2;
-  return [Math.round(0.98 * middle), Math.round(1.02 * middle)];
+  return { position_at_0: Math.round(0.97 * middle), position_at_1: Math.round(1.03 * middle), ...slow };
 }
 
 export function Servos() {
@@ -127,14 +130,11 @@ function Board({ index, place, link, drive, live }) {
   const isTaken = (number) =>
     channels.some((other) => number >= (other.channel ?? 0) && number < (other.channel ?? 0) + width(link, other));
   const free = [...Array(last + 1).keys()].slice(first).find((number) => !isTaken(number));
-  const path = `link.${index}.channel.${channels.length}`;
-  const [at0, at1] = firstEnds(link);
-  const add = () =>
-    change({
-      [`${path}.channel`]: free,
-      [`${path}.sources`]: {},
-      ...(isBus(link) && { [`${path}.position_at_0`]: at0, [`${path}.position_at_1`]: at1 }),
-    });
+  const add = () => {
+    const settings = Object.entries({ channel: free, sources: {}, ...beginning(link) });
+    const path = `link.${index}.channel.${channels.length}`;
+    return change(Object.fromEntries(settings.map(([key, value]) => [`${path}.${key}`, value])));
+  };
   const name = live?.name ?? `${link.kind} ${link.device ?? link.address ?? ""}`;
   return html`<section class="board" aria-label=${name}>
     <h3>${name} ${live && html`<small
@@ -221,7 +221,8 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
         ${isDmx(board) && html`<label>Value in the universe<${Choice} value=${settings.dmx}
           keep=${(value) => set("dmx", value)} choices=${FORMS} /></label>`}
       </div>
-      <p class="dim">A wider end is typed here, and only then can the slider reach it. Move in small steps, and stop before the mechanism binds.</p>
+      <p class="dim">A new servo has ends close to its middle, and moves slowly. The slider reaches a wider end once it is typed here and
+        kept. Widen it in small steps, and stop before the mechanism binds. Raise the speed when both ends are found.</p>
       <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
     </details>
   </article>`;

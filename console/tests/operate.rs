@@ -29,12 +29,17 @@ const DESK: (u32, u32) = (1280, 900);
 const SLIDER: &str = "[aria-label='Move channel 0']";
 
 /// A console with a page that is open in a browser, or `None` with a note if there is no browser.
-fn open(page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
+fn open(page: &str, size: (u32, u32)) -> Option<(Console, Browser)> {
+    open_with(SETTINGS, page, size)
+}
+
+/// As [`open`], with these settings.
+fn open_with(settings: &str, page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
     if !Browser::is_installed() {
         skip("there is no chromium; scripts/setup tests installs it");
         return None;
     }
-    let console = Console::start(SETTINGS);
+    let console = Console::start(settings);
     let mut browser = Browser::start(width, height);
     browser.open(&url(&console, [127, 0, 0, 1].into(), page));
     browser.wait_until("document.getElementById('stop')?.disabled === false");
@@ -583,6 +588,53 @@ fn the_numbers_and_lists_of_a_servo_keep_what_a_hand_puts_in_and_show_what_chang
     browser.wait_until("!document.getElementById('draft')");
     let kept = SETTINGS.replace("1100", "1250").replace("1900\n", "1700\nloss = \"release\"\n").replace("1.0", "0.75");
     assert_eq!(console.settings(), kept);
+}
+
+#[test]
+fn a_new_channel_of_every_board_begins_close_to_its_middle_and_slowly_and_is_widened_by_hand() {
+    let pulses = ["pulse_at_0_us = 1450\npulse_at_1_us = 1550\n"; 4];
+    let kinds = ["kind = \"maestro\"", "kind = \"pca9685\"", "kind = \"sacn\"", "kind = \"artnet\""];
+    let bus = |family, unit| format!("kind = \"bus-servo\"\nfamily = \"{family}\"\nunit = \"{unit}\"");
+    let [steps, degrees] = [bus("feetech-scs", "steps"), bus("dynamixel-x", "degrees")];
+    let boards: Vec<(&str, &str)> = kinds
+        .into_iter()
+        .zip(pulses)
+        .chain([
+            (&*steps, "position_at_0 = 497\nposition_at_1 = 527\n"),
+            (&*degrees, "position_at_0 = 175\nposition_at_1 = 185\n"),
+        ])
+        .collect();
+    let links: String = boards.iter().map(|(board, _)| format!("[[link]]\n{board}\n\n")).collect();
+    let Some((console, mut browser)) = open_with(&links, "servos", PHONE) else { return };
+    let board = |index: usize| format!("document.querySelectorAll('.board')[{index}]");
+    browser.wait_until(&board(5));
+    for index in 0..boards.len() {
+        browser.click_on(&format!("[...{}.querySelectorAll('button')].at(-1)", board(index)));
+        browser.wait_until(&format!("{}.querySelector('.channel')", board(index)));
+    }
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let numbers = [0, 0, 1, 1, 1, 1];
+    let link = |((board, ends), number): (&(&str, &str), u32)| {
+        format!("[[link]]\n{board}\n\n[[link.channel]]\nchannel = {number}\n{ends}sources = {{}}\nspeed_per_s = 0.5\n")
+    };
+    let kept: Vec<String> = boards.iter().zip(numbers).map(link).collect();
+    assert_eq!(
+        console.settings().split_whitespace().collect::<Vec<_>>(),
+        kept.concat().split_whitespace().collect::<Vec<_>>()
+    );
+    browser.click("Ends, speed and more");
+    let card = "[aria-label='Channel 0']";
+    let [end, speed] = ["Pulse at end 1", "Highest speed"].map(|label| labelled(card, label));
+    assert_eq!([shown(&mut browser, &end), shown(&mut browser, &speed)], ["1550", "0.5"]);
+    browser.screenshot("a new servo");
+    browser.select_all(&end);
+    browser.type_through_statuses("1800");
+    browser.press("Enter");
+    browser.wait_for_text("1 setting is changed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert!(console.settings().contains("pulse_at_1_us = 1800"), "{}", console.settings());
 }
 
 #[test]

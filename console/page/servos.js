@@ -106,13 +106,15 @@ export function Servos() {
   return html`
     <h2>Servos</h2>
     <div class="panel row spread" id="arming">
-      <p>${drive.isArmed ? html`<b
-        class="state-bad">Armed.</b> Sliders move servos.` : "Sliders move nothing before you arm. Keep hands away from the mechanism."}</p>
+      <p>${
+        drive.isArmed
+          ? html`<b class="state-bad">Armed.</b> ${status?.service?.released ? "A slider moves its servo, and all others stay released." : "Sliders move servos."}`
+          : "Sliders move nothing before you arm. Keep hands away from the mechanism."
+      }</p>
       ${
         drive.isArmed
           ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
-          : html`<${Action} kind="primary" disabled=${status?.service?.released || !status?.running}
-            run=${() => drive.arm()}>Arm<//>`
+          : html`<${Action} kind="primary" disabled=${!status?.running} run=${() => drive.arm()}>Arm<//>`
       }
     </div>
     ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}

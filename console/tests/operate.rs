@@ -384,6 +384,31 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
 }
 
 #[test]
+fn a_servo_is_moved_by_hand_while_all_are_released_before_the_face_ever_moves_it_and_stop_ends_that() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("STOP");
+    browser.wait_for_text("All servos are released");
+    eventually("one servo has pulses", || {
+        browser.drive(&element(SLIDER), 0.25);
+        browser.await_statuses(browser.statuses() + 2);
+        browser.value("[...document.querySelectorAll('.numbers')].map(({ innerText }) => /pulse (.*)/s.exec(innerText)[1].trim()).join()")
+            == "1300 µs,none: no pulses"
+    });
+    browser.screenshot("a released servo in the hand");
+    browser.arm();
+    browser.drive(&element(SLIDER), 0.5);
+    browser.wait_for_text("A slider moves its servo, and all others stay released.");
+    browser.wait_for_text("a servo is moved by hand");
+    browser.click("STOP");
+    console.service.until(have_ended);
+    browser.wait_until(&format!("{}.disabled", element(SLIDER)));
+    browser.wait_until("!document.body.innerText.includes('a servo is moved by hand')");
+    browser.wait_for_text("All servos are released");
+    let changes = console.service.changes();
+    assert!(changes.iter().all(|change| change["do"] == "drive" || change["on"] == true), "{changes:?}");
+}
+
+#[test]
 fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     browser.arm();

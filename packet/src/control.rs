@@ -48,8 +48,8 @@ pub enum Request {
     /// Read the settings again, as SIGHUP does. The answer comes when the new settings are in force, and says what has
     /// changed, or names every fault in a line of its own.
     Reload {},
-    /// Give servos no pulses, on all links, whatever else happens, until a client asks to give them some again. The answer
-    /// comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
+    /// Give servos no pulses, on all links, until a client asks to give them some again. This ends a drive. One that begins
+    /// later gives pulses to the servo that it jogs, and to no other. The answer comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
     /// not: it names them, and what to do. They obey as soon as they are reached.
     Release {
         /// Whether servos get no pulses.

@@ -12,7 +12,7 @@ use crate::channel::{Channel, ChannelSettings, values};
 /// the face does.
 #[derive(Debug, Default)]
 pub struct Operator {
-    /// No servo gets pulses.
+    /// No servo gets pulses but the one that is jogged.
     pub is_released: AtomicBool,
     /// The value of `is_released` that all links were told last.
     pub told_released: AtomicBool,
@@ -54,9 +54,16 @@ impl Dials {
 
     /// Whether an operator keeps the board without pulses, or jogs one of its channels.
     pub fn is_operated(&self) -> bool {
-        let Operator { is_released, is_driven, .. } = &*self.operator;
-        let has_jog = || is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some());
-        !self.channels.is_empty() && (is_released.load(Relaxed) || has_jog())
+        !self.channels.is_empty() && (self.operator.is_released.load(Relaxed) || self.has_jog())
+    }
+
+    /// Whether an operator keeps all channels without pulses.
+    pub fn is_off(&self) -> bool {
+        self.operator.is_released.load(Relaxed) && !self.has_jog()
+    }
+
+    fn has_jog(&self) -> bool {
+        self.operator.is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some())
     }
 
     pub fn has(&self, channel: u16) -> bool {
@@ -141,7 +148,7 @@ impl Board {
     }
 
     /// Moves the channels with the face, or as the operator wants. While one channel is jogged, the others of its board
-    /// go to rest.
+    /// go to rest, or stay without pulses if the operator has released them.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
         if self.moved_at.is_none() {
             self.begin();
@@ -151,11 +158,13 @@ impl Board {
         let Dials { channels: dials, operator, .. } = &*self.dials;
         let is_released = operator.is_released.load(Relaxed);
         let is_driven = operator.is_driven.load(Relaxed);
-        self.is_off = is_released;
         let jog = |dial: &Dial| dial.jog.get().filter(|_| is_driven);
-        let state = if dials.iter().any(|dial| jog(dial).is_some()) { State::Neutral } else { packet.state };
+        let has_jog = dials.iter().any(|dial| jog(dial).is_some());
+        self.is_off = is_released && !has_jog;
+        let state = if has_jog { State::Neutral } else { packet.state };
         for (index, channel) in self.channels.iter_mut().enumerate() {
-            (channel.jog, channel.is_off) = (dials.get(index).and_then(jog), is_released);
+            channel.jog = dials.get(index).and_then(jog);
+            channel.is_off = is_released && channel.jog.is_none();
             channel.step(state, packet.reason, &values, step_s);
         }
         self.show();
@@ -239,7 +248,6 @@ mod tests {
         operator.is_driven.store(true, Relaxed);
         assert!(follow(2, 0.5) == [(0.2, None), (1.0, Some(2000.0))] && dials.is_operated(), "others are at rest");
         operator.is_released.store(true, Relaxed);
-        assert_eq!(follow(2, 0.0), [(0.2, None), (1.0, None)]);
         dials.jog(None);
         assert!(follow(2, 0.0).iter().all(|(_, pulse_us)| pulse_us.is_none()));
         operator.is_released.store(false, Relaxed);
@@ -281,5 +289,32 @@ mod tests {
         now += std::time::Duration::from_millis(20);
         let resting = board.follow(&Packet::NEUTRAL, now)[0].target_place();
         assert_eq!(resting, Some(1000.0), "the face moves it without a limit");
+    }
+
+    #[test]
+    fn a_released_servo_that_is_jogged_gets_pulses_alone_from_where_it_was_left_until_the_jog_ends() {
+        let settings = [1, 2].map(|channel| ChannelSettings { channel, neutral: 0.5, ..ChannelSettings::default() });
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        let mut places = |steps| {
+            for _ in 0..steps {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now);
+            }
+            (dials.channels.iter().map(|dial| dial.place.get()).collect::<Vec<_>>(), board.is_off && dials.is_off())
+        };
+        operator.is_released.store(true, Relaxed);
+        dials.jog(Some((2, 1.0)));
+        assert_eq!(places(10), (vec![None; 2], true), "nobody drives");
+        operator.is_driven.store(true, Relaxed);
+        let (first, is_off) = places(1);
+        assert!(first[0].is_none() && (1500.0..=1520.0).contains(&first[1].unwrap()) && !is_off, "{first:?}");
+        assert_eq!(places(200), (vec![None, Some(2000.0)], false));
+        dials.jog(Some((1, 0.5)));
+        assert_eq!(places(200), (vec![Some(1500.0), None], false));
+        dials.jog(None);
+        assert_eq!(places(1), (vec![None; 2], true));
     }
 }

@@ -271,6 +271,16 @@ impl Server {
         }
     }
 
+    /// Ends the drive that there may be, because whoever releases servos has the last word.
+    fn end_drive(&mut self) {
+        for (client, task) in self.clients.iter_mut().filter(|(_, task)| matches!(task, Task::Drive)) {
+            *task = Task::Leave;
+            drive::end(&self.peers);
+            // One that has gone ends at its next step.
+            let _ = client.send(&Reply::Refused("all servos are released: drive again to move one by hand".to_owned()));
+        }
+    }
+
     fn hear(&mut self, client: &mut Client) -> io::Result<Task> {
         match client.speaks {
             Speaks::Http => {
@@ -304,6 +314,9 @@ impl Server {
                 return Ok((Some(Reply::Status(Box::new(status))), Task::Leave));
             }
             Request::Release { on } => {
+                if on {
+                    self.end_drive();
+                }
                 let kept = Kept::new(&self.settings.wearer, self.config.as_deref());
                 release::release(on, &self.peers, kept)
             }

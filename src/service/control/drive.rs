@@ -26,6 +26,7 @@ pub(super) fn begin(peers: &mut Peers) {
 }
 
 pub(super) fn end(peers: &Peers) {
+    peers.counters.traffic.operator.is_driven.store(false, Relaxed);
     drive_until(0, peers);
     tracing::info!("driving has ended");
 }

@@ -23,6 +23,7 @@ const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
 const DEFAULTS = {
+  name: "",
   sources: {},
   offset: 0,
   pulse_at_0_us: 1000,
@@ -166,9 +167,12 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
   const path = (key) => `link.${link}.channel.${k}.${key}`;
   const set = (key, value) => change({ [path(key)]: value });
   const names = Object.keys(settings.sources);
-  const name = `${word} ${number}`;
+  const name = `${word} ${number}${settings.name && ` (${settings.name})`}`;
   const title = `${name[0].toUpperCase()}${name.slice(1)}`;
-  const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
+  // Only bus servos tell where they are. Of others, the service computes how far they have come.
+  const isMeasured = live?.measured !== undefined;
+  const now = isMeasured ? live.measured : live?.position;
+  const position = Math.min(1, Math.max(0, (drive.isArmed ? jog : undefined) ?? now ?? settings.neutral));
   // The service moves within the ends that it knows, whatever ends wait to be kept.
   const used = { ...DEFAULTS, ...draft.used.link?.[kept]?.channel?.find((other) => (other.channel ?? 0) === number) };
   // A step, a microsecond or a tenth of a degree.
@@ -189,9 +193,11 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
     <${Slider} min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live} move=${move}
       aria-label=${`Move ${name}`}
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
-    <${Progress} target=${live?.target} position=${live?.position} />
-    <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(live.position)} ${unit}`) : "–"}</b></span></p>
+    <${Progress} target=${live?.target} position=${now} />
+    <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span>
+      <span>${isMeasured ? "is" : "computed"} <b>${number2(now)}</b></span>
+      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(now)} ${unit}`) : "–"}</b></span></p>
+    <${Health} live=${live} />
     <div class="row">
       <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
         label=${`Set end 0 here, ${name}`}>Set end 0 here<//>
@@ -204,6 +210,8 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
+        <label>Name<${Entry} type="text" maxlength="64" autocomplete="off" value=${settings.name}
+          keep=${(value) => set("name", value === "" ? null : value)} /></label>
         <${Number1} label=${label} value=${number} min=${first} max=${last} step="1"
           set=${(value) => set("channel", value)} />
         <${Number1} label=${`${whatAt} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
@@ -228,6 +236,16 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
       <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
     </details>
   </article>`;
+}
+
+// What a bus servo tells of itself.
+function Health({ live: { volts, celsius, load } = {} }) {
+  const told = [
+    [volts?.toFixed(1), "V"],
+    [celsius?.toFixed(0), "°C"],
+    [load === undefined ? undefined : (100 * load).toFixed(0), "% load"],
+  ].filter(([number]) => number !== undefined);
+  return html`${told.length > 0 && html`<p class="numbers">${told.map(([number, unit]) => html`<span key=${unit}><b>${number}</b> ${unit}</span>`)}</p>`}`;
 }
 
 const number2 = (value) => (value === undefined || value === null ? "–" : value.toFixed(2));

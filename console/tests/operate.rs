@@ -409,6 +409,52 @@ fn a_servo_is_moved_by_hand_while_all_are_released_before_the_face_ever_moves_it
 }
 
 #[test]
+fn a_bus_servo_shows_where_it_is_measured_its_volts_its_temperature_and_its_load_and_others_what_is_computed() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    let numbers = "[...document.querySelectorAll('.numbers')].map(({ innerText }) => innerText.split(/\\s+/).join(' ')).join('|')";
+    browser.wait_until(&format!(
+        "{numbers} === 'wanted 0.50 computed 0.50 pulse 1500 µs|wanted 0.50 computed 0.50 pulse 1500 µs'"
+    ));
+    console.service.seen.lock().unwrap().health = json!({"measured": 0.42, "volts": 7.4, "celsius": 31.0, "load": 0.0});
+    browser.wait_until(&format!(
+        "{numbers} === 'wanted 0.50 computed 0.50 pulse 1500 µs|wanted 0.50 is 0.42 pulse 1420 µs|7.4 V 31 °C 0 % load'"
+    ));
+    for (width, height) in [PHONE, DESK] {
+        browser.resize(width, height);
+        browser.value("document.querySelector('[aria-label=\"Channel 3\"]').scrollIntoView({ block: 'center' })");
+        browser.screenshot(&format!("a measured servo at {width}"));
+    }
+}
+
+#[test]
+fn a_servo_is_named_in_its_card_and_every_control_of_the_card_calls_it_so() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("Ends, speed and more");
+    let name = |card: &str| labelled(&format!("[aria-label='{card}']"), "Name");
+    browser.select_all(&name("Channel 0"));
+    browser.type_through_statuses("left brow");
+    browser.press("Enter");
+    browser.wait_for_text("Channel 0 (left brow)");
+    let labels = "[...document.querySelectorAll('[aria-label=\"Channel 0 (left brow)\"] [aria-label]')].map((it) => it.ariaLabel)";
+    assert_eq!(
+        browser.value(&format!("{labels}.filter((label) => !label.endsWith('channel 0 (left brow)'))")),
+        json!([])
+    );
+    browser.screenshot("a named servo");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let named = SETTINGS.replace("pulse_at_1_us = 1900\n", "pulse_at_1_us = 1900\nname = \"left brow\"\n");
+    assert_eq!(console.settings(), named);
+    browser.select_all(&name("Channel 0 (left brow)"));
+    browser.press("Backspace");
+    browser.press("Tab");
+    browser.wait_for_text("1 setting is changed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS);
+}
+
+#[test]
 fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     browser.arm();
@@ -696,7 +742,7 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
         browser.wait_until(&is_shown(0.5));
         let place = browser.hold(&slider, 0.5);
         turn(0.9);
-        browser.wait_for_text("is 0.90");
+        browser.wait_for_text("computed 0.90");
         let [is_armed, is_held] =
             ["!{slider}.disabled", &is_shown(0.5)].map(|what| browser.value(&what.replace("{slider}", &slider)));
         browser.let_go(place);

@@ -65,6 +65,8 @@ pub struct Seen {
     pub refusal: Option<(&'static str, &'static str)>,
     /// Whether requests for landmarks get no answer.
     pub is_stuck: bool,
+    /// What the servo at channel 3 tells of itself besides.
+    pub health: Value,
     /// The connection of the client that drives, and how many lines had come before it.
     driver: Option<(UnixStream, usize)>,
 }
@@ -130,7 +132,11 @@ fn status(seen: &Seen) -> Value {
         let position = last.map_or(json!(0.5), |(_, line)| line["position"].clone());
         let pulse_us =
             position.as_f64().filter(|_| !is_released || is_jogged).map(|position| 1100.0 + 800.0 * position);
-        json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us})
+        let mut status = json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us});
+        if let Some(health) = seen.health.as_object().filter(|_| number == 3) {
+            status.as_object_mut().unwrap().extend(health.clone());
+        }
+        status
     };
     let is_off = is_released && [0, 3].map(channel).iter().all(|channel| channel["pulse_us"].is_null());
     let link = json!({"name": "maestro /dev/ttyACM0", "kind": "maestro", "open": true, "sent": 100, "dropped": 0,

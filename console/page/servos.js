@@ -5,7 +5,7 @@ import { change, draft, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
 import { Puppet } from "./puppet.js";
-import { Choice, Entry, Slider } from "./hand.js";
+import { Check, Choice, Entry, Slider } from "./hand.js";
 import { get, hasService, mayOperate, store, update, useStore } from "./store.js";
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 
@@ -79,6 +79,7 @@ export function Servos() {
   const { values, trouble } = useDraft();
   const [, redraw] = useState(0);
   const [ended, setEnded] = useState();
+  const [othersFollow, setOthersFollow] = useState(false);
   const drive = useMemo(
     () =>
       new Drive((reason) => {
@@ -115,7 +116,12 @@ export function Servos() {
       ${
         drive.isArmed
           ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
-          : html`<${Action} kind="primary" disabled=${!status?.running} run=${() => drive.arm()}>Arm<//>`
+          : html`<${Action} kind="primary" disabled=${!status?.running} run=${() => drive.arm(othersFollow)}>Arm<//>`
+      }
+      ${
+        boards.length > 1 &&
+        !drive.isArmed &&
+        html`<label class="check"><${Check} value=${othersFollow} keep=${setOthersFollow} />Other boards follow the face meanwhile</label>`
       }
     </div>
     ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}

@@ -455,6 +455,25 @@ fn a_servo_is_named_in_its_card_and_every_control_of_the_card_calls_it_so() {
 }
 
 #[test]
+fn other_boards_follow_the_face_while_one_is_armed_only_if_that_is_ticked() {
+    let boards = [SETTINGS, "\n[[link]]\nkind = \"pca9685\"\n"].concat();
+    let Some((console, mut browser)) = open_with(&boards, "servos", PHONE) else { return };
+    browser.arm();
+    until_asked(&console, &json!({"do": "drive"}));
+    eventually("the end of the drive", || {
+        if browser.is_armed() {
+            browser.click_on(&or_arm("Disarm"));
+        }
+        !browser.is_armed()
+    });
+    console.service.until(have_ended);
+    browser.click_on(&labelled("#arming", "Other boards follow the face"));
+    browser.screenshot("two boards");
+    browser.arm();
+    until_asked(&console, &json!({"do": "drive", "others_follow": true}));
+}
+
+#[test]
 fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     browser.arm();

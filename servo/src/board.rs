@@ -27,6 +27,8 @@ pub struct Operator {
 pub struct Dials {
     pub channels: Vec<Dial>,
     pub operator: Arc<Operator>,
+    /// Whether the channels stay where they are while an operator drives, but for one that is jogged.
+    is_still: AtomicBool,
     /// Whether the board has taken the operator's release, as far as such a board can tell.
     has_released: AtomicBool,
 }
@@ -38,7 +40,7 @@ impl Dials {
             Dial { number: channel.number, name, ..Dial::default() }
         };
         let channels = sorted(settings).iter().map(dial).collect();
-        Self { channels, operator: Arc::clone(operator), has_released: AtomicBool::new(false) }
+        Self { channels, operator: Arc::clone(operator), ..Self::default() }
     }
 
     #[must_use]
@@ -70,12 +72,18 @@ impl Dials {
         self.channels.iter().any(|dial| dial.number == channel)
     }
 
-    /// Lets the channels begin where those of another board are, which this one replaces.
+    /// Lets the channels begin where those of another board are, which this one replaces, and stay there if they are to.
     pub fn begin_at(&self, other: &Self) {
         for dial in &self.channels {
             let same = other.channels.iter().find(|same| same.number == dial.number);
             dial.start.set(same.and_then(|same| same.place.get()));
         }
+        self.keep_still(other.is_still.load(Relaxed));
+    }
+
+    /// Keeps the channels where they are while an operator drives, or not.
+    pub fn keep_still(&self, is_still: bool) {
+        self.is_still.store(is_still, Relaxed);
     }
 
     /// Moves this channel alone to a position in place of the face, or none.
@@ -148,7 +156,7 @@ impl Board {
     }
 
     /// Moves the channels with the face, or as the operator wants. While one channel is jogged, the others of its board
-    /// go to rest, or stay without pulses if the operator has released them.
+    /// go to rest, or stay without pulses if the operator has released them, or where they are if they are to be still.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
         if self.moved_at.is_none() {
             self.begin();
@@ -161,10 +169,12 @@ impl Board {
         let jog = |dial: &Dial| dial.jog.get().filter(|_| is_driven);
         let has_jog = dials.iter().any(|dial| jog(dial).is_some());
         self.is_off = is_released && !has_jog;
+        let is_still = is_driven && self.dials.is_still.load(Relaxed);
         let state = if has_jog { State::Neutral } else { packet.state };
         for (index, channel) in self.channels.iter_mut().enumerate() {
             channel.jog = dials.get(index).and_then(jog);
             channel.is_off = is_released && channel.jog.is_none();
+            channel.is_still = is_still && channel.jog.is_none();
             channel.step(state, packet.reason, &values, step_s);
         }
         self.show();
@@ -316,5 +326,43 @@ mod tests {
         assert_eq!(places(200), (vec![Some(1500.0), None], false));
         dials.jog(None);
         assert_eq!(places(1), (vec![None; 2], true));
+    }
+
+    #[test]
+    fn a_board_that_is_to_be_still_stays_where_it_is_with_or_without_pulses_while_an_operator_drives() {
+        let slow = |channel, loss| {
+            let sources = valued(&[("jawOpen", 1.0)]);
+            ChannelSettings { channel, sources, speed_per_s: 1.0, loss, ..ChannelSettings::default() }
+        };
+        let settings = [slow(1, AtLoss::Neutral), slow(2, AtLoss::Release)];
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        let mut places = |state, jaw_open, steps| {
+            let mut packet = Packet { state, ..Packet::NEUTRAL };
+            packet.coefficients[17] = jaw_open;
+            for _ in 0..steps {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&packet, now);
+            }
+            [0, 1].map(|index: usize| dials.channels[index].place.get().map(f32::round))
+        };
+        dials.keep_still(true);
+        assert_eq!(places(State::Live, 1.0, 26), [Some(1500.0); 2], "nobody drives");
+        operator.is_driven.store(true, Relaxed);
+        for (state, jaw_open) in [(State::Live, 1.0), (State::Live, 0.0), (State::Neutral, 0.0)] {
+            assert_eq!(places(state, jaw_open, 50), [Some(1500.0); 2], "{state:?}");
+        }
+        operator.is_released.store(true, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 1), [None; 2]);
+        operator.is_released.store(false, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 50), [None; 2], "it stays released");
+        operator.is_driven.store(false, Relaxed);
+        assert_eq!(places(State::Neutral, 0.0, 100), [Some(1000.0), None]);
+        operator.is_driven.store(true, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 50), [Some(1000.0), None], "it had no pulses without a face");
+        dials.jog(Some((2, 0.5)));
+        assert_eq!(places(State::Live, 1.0, 100), [Some(1000.0), Some(1500.0)]);
     }
 }

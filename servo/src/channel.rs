@@ -132,6 +132,8 @@ pub struct Channel {
     /// Where an operator wants the channel, and whether the operator wants it without pulses.
     pub(crate) jog: Option<f32>,
     pub(crate) is_off: bool,
+    /// Whether the channel stays where it is, with or without pulses.
+    pub(crate) is_still: bool,
 }
 
 impl Channel {
@@ -140,8 +142,8 @@ impl Channel {
         let (limits, number) = (settings.limits(), u16::try_from(settings.channel).unwrap_or_default());
         let ends = [settings.pulse_at_0_us as f32, settings.pulse_at_1_us as f32];
         let (settings, motion, target) = (settings.clone(), Motion::at(neutral), neutral);
-        let (is_released, is_first, jog, is_off) = (false, false, None, false);
-        Self { number, limits, settings, neutral, ends, target, motion, is_released, is_first, jog, is_off }
+        let (is_released, is_first, jog, is_off, is_still) = (false, false, None, false, false);
+        Self { number, limits, settings, neutral, ends, target, motion, is_released, is_first, jog, is_off, is_still }
     }
 
     /// How far apart the ends are.
@@ -174,6 +176,8 @@ impl Channel {
         let is_lost = self.jog.is_none() && state == State::Neutral;
         if let Some(position) = self.jog {
             self.target = position.clamp(0.0, 1.0);
+        } else if self.is_still {
+            self.target = self.motion.position;
         } else if is_lost {
             self.target = self.neutral;
         } else if let Some(position) = self.position(values) {
@@ -191,7 +195,9 @@ impl Channel {
         let position = self.motion.step(limits, self.target, step_s);
         // A service that stops has no time to wait for a slow servo.
         let has_arrived = position.to_bits() == self.target.to_bits() || reason == Reason::Stopping;
-        self.is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
+        if !self.is_still {
+            self.is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
+        }
         self.is_first = was_released && !self.is_released;
     }
 

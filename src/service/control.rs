@@ -95,8 +95,10 @@ enum Task {
     /// To take the answer, after which the connection is closed.
     Leave,
     Watch,
-    /// To send one line after another.
-    Drive,
+    /// To send one line after another. The servo boards that it does not move follow the face, or stay still.
+    Drive {
+        others_follow: bool,
+    },
     Record(Recording),
     Calibrate(Calibrating),
     /// To wait for an answer.
@@ -237,7 +239,7 @@ impl Server {
             Task::Ask | Task::Leave if client.has_waited(client.patience()) => return Err(ErrorKind::TimedOut.into()),
             Task::Ask => return self.hear(client).map(|heard| *task = heard),
             Task::Leave => return Ok(()),
-            Task::Drive => drive::step(client, &mut self.peers)?.map(|why| {
+            Task::Drive { others_follow } => drive::step(client, *others_follow, &mut self.peers)?.map(|why| {
                 tracing::info!("the driver is refused: {why}");
                 (Reply::Refused(why), Vec::new())
             }),
@@ -264,7 +266,7 @@ impl Server {
 
     fn end(&self, task: &Task) {
         match task {
-            Task::Drive => drive::end(&self.peers),
+            Task::Drive { .. } => drive::end(&self.peers),
             Task::Record(recording) => recording.end(),
             Task::Calibrate(calibrating) => calibrating.end(),
             _ => {}
@@ -273,7 +275,7 @@ impl Server {
 
     /// Ends the drive that there may be, because whoever releases servos has the last word.
     fn end_drive(&mut self) {
-        for (client, task) in self.clients.iter_mut().filter(|(_, task)| matches!(task, Task::Drive)) {
+        for (client, task) in self.clients.iter_mut().filter(|(_, task)| matches!(task, Task::Drive { .. })) {
             *task = Task::Leave;
             drive::end(&self.peers);
             // One that has gone ends at its next step.
@@ -320,12 +322,12 @@ impl Server {
                 let kept = Kept::new(&self.settings.wearer, self.config.as_deref());
                 release::release(on, &self.peers, kept)
             }
-            Request::Drive {} if self.is_any(|task| matches!(task, Task::Drive)) => {
+            Request::Drive { .. } if self.is_any(|task| matches!(task, Task::Drive { .. })) => {
                 return Err("somebody else drives: try again when they have ended".into());
             }
-            Request::Drive {} => {
-                drive::begin(&mut self.peers);
-                return Ok((Some(Reply::Driving(true)), Task::Drive));
+            Request::Drive { others_follow } => {
+                drive::begin(others_follow, &mut self.peers);
+                return Ok((Some(Reply::Driving(true)), Task::Drive { others_follow }));
             }
             Request::Record {} if self.is_any(|task| matches!(task, Task::Record(_))) => {
                 return Err("another recording is in progress: try again when it has ended".into());

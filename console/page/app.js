@@ -98,10 +98,14 @@ function isStop({ key, target }) {
 }
 
 // What the operator's stop has done to each board.
-function released({ links, released_unix_s: since }) {
+function released({ links, driven, released_unix_s: since }) {
   const at = since ? ` since ${new Date(1000 * since).toLocaleTimeString()}` : "";
   const boards = (links ?? []).filter((link) => link.released !== undefined);
-  const state = (board) => (board.released ? board.stop : html`<strong>not reached: switch its supply off</strong>`);
+  const isJogged = ({ channels }) => driven && channels.some(({ pulse_us }) => pulse_us !== null);
+  const state = (board) => {
+    if (board.released) return board.stop;
+    return html`<strong>${isJogged(board) ? "a servo is moved by hand" : "not reached: switch its supply off"}</strong>`;
+  };
   return html`All servos are released${at}. ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}`;
 }
 

@@ -19,8 +19,9 @@ export class Drive {
     return this.id !== undefined;
   }
 
-  async arm() {
-    ({ drive: this.id } = await post("servos/arm"));
+  // Servo boards that the page does not move stay still meanwhile, or follow the face.
+  async arm(othersFollow) {
+    ({ drive: this.id } = await post("servos/arm", { others_follow: othersFollow }));
     document.addEventListener("visibilitychange", this.hide);
     addEventListener("pagehide", this.close);
     this.changed();

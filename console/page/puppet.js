@@ -19,7 +19,8 @@ const PLAYS = [
   ["Blink", 400, (part) => both("eyeBlink", hill(part))],
   ["Smile", 2500, (part) => both("mouthSmile", Math.min(1, 2 * hill(part)))],
 ];
-const SWEEP_MS = 3000;
+// A servo without a limit of its own is moved by hand at no more than half of its range a second, and follows this all the way.
+const SWEEP_MS = 6500;
 
 export function Puppet({ drive, boards }) {
   const [weights, setWeights] = useState({});

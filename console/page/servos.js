@@ -5,7 +5,7 @@ import { change, draft, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
 import { Puppet } from "./puppet.js";
-import { Choice, Entry, Slider } from "./hand.js";
+import { Check, Choice, Entry, Slider } from "./hand.js";
 import { get, hasService, mayOperate, store, update, useStore } from "./store.js";
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 
@@ -23,6 +23,7 @@ const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
 const DEFAULTS = {
+  name: "",
   sources: {},
   offset: 0,
   pulse_at_0_us: 1000,
@@ -62,12 +63,15 @@ function keptPlaces(links) {
 // How many numbers a channel takes.
 const width = (link, { dmx = DEFAULTS.dmx }) => (isDmx(link) && dmx !== "8-bit" ? 2 : 1);
 
-// The ends of a new bus servo: close to the middle, so that it moves little before its ends are set.
-function firstEnds(link) {
+// The settings of a new channel: it moves a little around its middle, and slowly, until somebody has found out how far its
+// mechanism lets it go.
+function beginning(link) {
+  const slow = { speed_per_s: 0.5 };
+  if (!isBus(link)) return { pulse_at_0_us: 1450, pulse_at_1_us: 1550, ...slow };
   const isNarrow = ["dynamixel-ax", "feetech-scs"].includes(link.family);
   const [degrees, steps] = isNarrow ? [300, 1024] : [360, 4096];
   const middle = (link.unit === "degrees" ? degrees : steps) / 2;
-  return [Math.round(0.98 * middle), Math.round(1.02 * middle)];
+  return { position_at_0: Math.round(0.97 * middle), position_at_1: Math.round(1.03 * middle), ...slow };
 }
 
 export function Servos() {
@@ -75,6 +79,7 @@ export function Servos() {
   const { values, trouble } = useDraft();
   const [, redraw] = useState(0);
   const [ended, setEnded] = useState();
+  const [othersFollow, setOthersFollow] = useState(false);
   const drive = useMemo(
     () =>
       new Drive((reason) => {
@@ -103,13 +108,20 @@ export function Servos() {
   return html`
     <h2>Servos</h2>
     <div class="panel row spread" id="arming">
-      <p>${drive.isArmed ? html`<b
-        class="state-bad">Armed.</b> Sliders move servos.` : "Sliders move nothing before you arm. Keep hands away from the mechanism."}</p>
+      <p>${
+        drive.isArmed
+          ? html`<b class="state-bad">Armed.</b> ${status?.service?.released ? "A slider moves its servo, and all others stay released." : "Sliders move servos."}`
+          : "Sliders move nothing before you arm. Keep hands away from the mechanism."
+      }</p>
       ${
         drive.isArmed
           ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
-          : html`<${Action} kind="primary" disabled=${status?.service?.released || !status?.running}
-            run=${() => drive.arm()}>Arm<//>`
+          : html`<${Action} kind="primary" disabled=${!status?.running} run=${() => drive.arm(othersFollow)}>Arm<//>`
+      }
+      ${
+        boards.length > 1 &&
+        !drive.isArmed &&
+        html`<label class="check"><${Check} value=${othersFollow} keep=${setOthersFollow} />Other boards follow the face meanwhile</label>`
       }
     </div>
     ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
@@ -127,14 +139,11 @@ function Board({ index, place, link, drive, live }) {
   const isTaken = (number) =>
     channels.some((other) => number >= (other.channel ?? 0) && number < (other.channel ?? 0) + width(link, other));
   const free = [...Array(last + 1).keys()].slice(first).find((number) => !isTaken(number));
-  const path = `link.${index}.channel.${channels.length}`;
-  const [at0, at1] = firstEnds(link);
-  const add = () =>
-    change({
-      [`${path}.channel`]: free,
-      [`${path}.sources`]: {},
-      ...(isBus(link) && { [`${path}.position_at_0`]: at0, [`${path}.position_at_1`]: at1 }),
-    });
+  const add = () => {
+    const settings = Object.entries({ channel: free, sources: {}, ...beginning(link) });
+    const path = `link.${index}.channel.${channels.length}`;
+    return change(Object.fromEntries(settings.map(([key, value]) => [`${path}.${key}`, value])));
+  };
   const name = live?.name ?? `${link.kind} ${link.device ?? link.address ?? ""}`;
   return html`<section class="board" aria-label=${name}>
     <h3>${name} ${live && html`<small
@@ -164,9 +173,12 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
   const path = (key) => `link.${link}.channel.${k}.${key}`;
   const set = (key, value) => change({ [path(key)]: value });
   const names = Object.keys(settings.sources);
-  const name = `${word} ${number}`;
+  const name = `${word} ${number}${settings.name && ` (${settings.name})`}`;
   const title = `${name[0].toUpperCase()}${name.slice(1)}`;
-  const position = (drive.isArmed ? jog : undefined) ?? live?.position ?? Math.max(0, settings.neutral);
+  // Only bus servos tell where they are. Of others, the service computes how far they have come.
+  const isMeasured = live?.measured !== undefined;
+  const now = isMeasured ? live.measured : live?.position;
+  const position = Math.min(1, Math.max(0, (drive.isArmed ? jog : undefined) ?? now ?? settings.neutral));
   // The service moves within the ends that it knows, whatever ends wait to be kept.
   const used = { ...DEFAULTS, ...draft.used.link?.[kept]?.channel?.find((other) => (other.channel ?? 0) === number) };
   // A step, a microsecond or a tenth of a degree.
@@ -187,9 +199,11 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
     <${Slider} min="0" max="1" step="0.005" value=${position} disabled=${!drive.isArmed || !live} move=${move}
       aria-label=${`Move ${name}`}
         aria-valuetext=${`${(100 * position).toFixed(0)} %, ${pulse} ${unit === "µs" ? "microseconds" : unit}`} />
-    <${Progress} target=${live?.target} position=${live?.position} />
-    <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span> <span>is <b>${number2(live?.position)}</b></span>
-      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(live.position)} ${unit}`) : "–"}</b></span></p>
+    <${Progress} target=${live?.target} position=${now} />
+    <p class="numbers"><span>wanted <b>${number2(live?.target)}</b></span>
+      <span>${isMeasured ? "is" : "computed"} <b>${number2(now)}</b></span>
+      <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(now)} ${unit}`) : "–"}</b></span></p>
+    <${Health} live=${live} />
     <div class="row">
       <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
         label=${`Set end 0 here, ${name}`}>Set end 0 here<//>
@@ -202,6 +216,8 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
+        <label>Name<${Entry} type="text" maxlength="64" autocomplete="off" value=${settings.name}
+          keep=${(value) => set("name", value === "" ? null : value)} /></label>
         <${Number1} label=${label} value=${number} min=${first} max=${last} step="1"
           set=${(value) => set("channel", value)} />
         <${Number1} label=${`${whatAt} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
@@ -221,10 +237,21 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
         ${isDmx(board) && html`<label>Value in the universe<${Choice} value=${settings.dmx}
           keep=${(value) => set("dmx", value)} choices=${FORMS} /></label>`}
       </div>
-      <p class="dim">A wider end is typed here, and only then can the slider reach it. Move in small steps, and stop before the mechanism binds.</p>
+      <p class="dim">A new servo has ends close to its middle, and moves slowly. The slider reaches a wider end once it is typed here and
+        kept. Widen it in small steps, and stop before the mechanism binds. Raise the speed when both ends are found.</p>
       <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
     </details>
   </article>`;
+}
+
+// What a bus servo tells of itself.
+function Health({ live: { volts, celsius, load } = {} }) {
+  const told = [
+    [volts?.toFixed(1), "V"],
+    [celsius?.toFixed(0), "°C"],
+    [load === undefined ? undefined : (100 * load).toFixed(0), "% load"],
+  ].filter(([number]) => number !== undefined);
+  return html`${told.length > 0 && html`<p class="numbers">${told.map(([number, unit]) => html`<span key=${unit}><b>${number}</b> ${unit}</span>`)}</p>`}`;
 }
 
 const number2 = (value) => (value === undefined || value === null ? "–" : value.toFixed(2));

@@ -86,6 +86,7 @@ bodies! {
     Name { name: Option<String> }
     File { name: String }
     Release { on: bool }
+    Arm { others_follow: Option<bool> }
     Disarm { drive: String }
     Service { r#do: String }
 }
@@ -267,8 +268,8 @@ impl Call<'_> {
                 "the calibration is cancelled".to_owned()
             }
             "servos/arm" => {
-                body.read::<Nothing>().await?;
-                let drive = console.servos.arm(control, caller).await?;
+                let Arm { others_follow } = body.read().await?;
+                let drive = console.servos.arm(control, caller, others_follow.unwrap_or(false)).await?;
                 console.changed.notify_one();
                 return Ok(ok(&json!({"drive": drive})));
             }
@@ -300,7 +301,7 @@ impl Call<'_> {
             "recordings/play" => {
                 let File { name } = body.read().await?;
                 recordings.path(&name)?;
-                let drive = console.servos.arm(control, caller).await?;
+                let drive = console.servos.arm(control, caller, false).await?;
                 let played = recordings.play(
                     &console.program,
                     &console.settings.path,

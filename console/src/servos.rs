@@ -63,8 +63,9 @@ impl Servos {
         }
     }
 
-    /// Opens a session with the service, and returns its name. Refused while somebody else has one.
-    pub async fn arm(&self, control: &Control, caller: &Caller) -> Result<Token, Refusal> {
+    /// Opens a session with the service, and returns its name. The servo boards that it does not move stay still, or follow the
+    /// face. Refused while somebody else has one.
+    pub async fn arm(&self, control: &Control, caller: &Caller, others_follow: bool) -> Result<Token, Refusal> {
         let id = Token::random().map_err(|error| Refusal::failed(&error))?;
         let (lines, waiting) = mpsc::channel(MOST_LINES);
         match &mut *self.drive() {
@@ -75,7 +76,7 @@ impl Servos {
             empty => *empty = Some(Session { id: id.clone(), operator: caller.clone(), lines }),
         }
         let ended = Ended { servos: self.clone(), id: id.clone() };
-        let mut connection = control.open(&Request::Drive {}).await?;
+        let mut connection = control.open(&Request::Drive { others_follow }).await?;
         connection.reply().await?;
         tokio::spawn(async move {
             drive(connection, waiting).await;
@@ -154,7 +155,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("control");
         let listener = UnixListener::bind(&path).unwrap();
-        let connection = Control::new(Some(&path)).open(&Request::Drive {}).await.unwrap();
+        let connection = Control::new(Some(&path)).open(&Request::Drive { others_follow: false }).await.unwrap();
         let (service, _) = listener.accept().await.unwrap();
         let (lines, waiting) = mpsc::channel(MOST_LINES);
         let begun = Instant::now();
@@ -181,7 +182,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("control");
         let _listener = UnixListener::bind(&path).unwrap();
-        let connection = Control::new(Some(&path)).open(&Request::Drive {}).await.unwrap();
+        let connection = Control::new(Some(&path)).open(&Request::Drive { others_follow: false }).await.unwrap();
         let (lines, waiting) = mpsc::channel(MOST_LINES);
         drop(lines);
         let begun = Instant::now();

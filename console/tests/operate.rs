@@ -29,12 +29,17 @@ const DESK: (u32, u32) = (1280, 900);
 const SLIDER: &str = "[aria-label='Move channel 0']";
 
 /// A console with a page that is open in a browser, or `None` with a note if there is no browser.
-fn open(page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
+fn open(page: &str, size: (u32, u32)) -> Option<(Console, Browser)> {
+    open_with(SETTINGS, page, size)
+}
+
+/// As [`open`], with these settings.
+fn open_with(settings: &str, page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
     if !Browser::is_installed() {
         skip("there is no chromium; scripts/setup tests installs it");
         return None;
     }
-    let console = Console::start(SETTINGS);
+    let console = Console::start(settings);
     let mut browser = Browser::start(width, height);
     browser.open(&url(&console, [127, 0, 0, 1].into(), page));
     browser.wait_until("document.getElementById('stop')?.disabled === false");
@@ -379,6 +384,96 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
 }
 
 #[test]
+fn a_servo_is_moved_by_hand_while_all_are_released_before_the_face_ever_moves_it_and_stop_ends_that() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("STOP");
+    browser.wait_for_text("All servos are released");
+    eventually("one servo has pulses", || {
+        browser.drive(&element(SLIDER), 0.25);
+        browser.await_statuses(browser.statuses() + 2);
+        browser.value("[...document.querySelectorAll('.numbers')].map(({ innerText }) => /pulse (.*)/s.exec(innerText)[1].trim()).join()")
+            == "1300 µs,none: no pulses"
+    });
+    browser.screenshot("a released servo in the hand");
+    browser.arm();
+    browser.drive(&element(SLIDER), 0.5);
+    browser.wait_for_text("A slider moves its servo, and all others stay released.");
+    browser.wait_for_text("a servo is moved by hand");
+    browser.click("STOP");
+    console.service.until(have_ended);
+    browser.wait_until(&format!("{}.disabled", element(SLIDER)));
+    browser.wait_until("!document.body.innerText.includes('a servo is moved by hand')");
+    browser.wait_for_text("All servos are released");
+    let changes = console.service.changes();
+    assert!(changes.iter().all(|change| change["do"] == "drive" || change["on"] == true), "{changes:?}");
+}
+
+#[test]
+fn a_bus_servo_shows_where_it_is_measured_its_volts_its_temperature_and_its_load_and_others_what_is_computed() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    let numbers = "[...document.querySelectorAll('.numbers')].map(({ innerText }) => innerText.split(/\\s+/).join(' ')).join('|')";
+    browser.wait_until(&format!(
+        "{numbers} === 'wanted 0.50 computed 0.50 pulse 1500 µs|wanted 0.50 computed 0.50 pulse 1500 µs'"
+    ));
+    console.service.seen.lock().unwrap().health = json!({"measured": 0.42, "volts": 7.4, "celsius": 31.0, "load": 0.0});
+    browser.wait_until(&format!(
+        "{numbers} === 'wanted 0.50 computed 0.50 pulse 1500 µs|wanted 0.50 is 0.42 pulse 1420 µs|7.4 V 31 °C 0 % load'"
+    ));
+    for (width, height) in [PHONE, DESK] {
+        browser.resize(width, height);
+        browser.value("document.querySelector('[aria-label=\"Channel 3\"]').scrollIntoView({ block: 'center' })");
+        browser.screenshot(&format!("a measured servo at {width}"));
+    }
+}
+
+#[test]
+fn a_servo_is_named_in_its_card_and_every_control_of_the_card_calls_it_so() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("Ends, speed and more");
+    let name = |card: &str| labelled(&format!("[aria-label='{card}']"), "Name");
+    browser.select_all(&name("Channel 0"));
+    browser.type_through_statuses("left brow");
+    browser.press("Enter");
+    browser.wait_for_text("Channel 0 (left brow)");
+    let labels = "[...document.querySelectorAll('[aria-label=\"Channel 0 (left brow)\"] [aria-label]')].map((it) => it.ariaLabel)";
+    assert_eq!(
+        browser.value(&format!("{labels}.filter((label) => !label.endsWith('channel 0 (left brow)'))")),
+        json!([])
+    );
+    browser.screenshot("a named servo");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let named = SETTINGS.replace("pulse_at_1_us = 1900\n", "pulse_at_1_us = 1900\nname = \"left brow\"\n");
+    assert_eq!(console.settings(), named);
+    browser.select_all(&name("Channel 0 (left brow)"));
+    browser.press("Backspace");
+    browser.press("Tab");
+    browser.wait_for_text("1 setting is changed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings(), SETTINGS);
+}
+
+#[test]
+fn other_boards_follow_the_face_while_one_is_armed_only_if_that_is_ticked() {
+    let boards = [SETTINGS, "\n[[link]]\nkind = \"pca9685\"\n"].concat();
+    let Some((console, mut browser)) = open_with(&boards, "servos", PHONE) else { return };
+    browser.arm();
+    until_asked(&console, &json!({"do": "drive"}));
+    eventually("the end of the drive", || {
+        if browser.is_armed() {
+            browser.click_on(&or_arm("Disarm"));
+        }
+        !browser.is_armed()
+    });
+    console.service.until(have_ended);
+    browser.click_on(&labelled("#arming", "Other boards follow the face"));
+    browser.screenshot("two boards");
+    browser.arm();
+    until_asked(&console, &json!({"do": "drive", "others_follow": true}));
+}
+
+#[test]
 fn another_page_and_the_disarm_button_end_a_drive() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     browser.arm();
@@ -586,6 +681,53 @@ fn the_numbers_and_lists_of_a_servo_keep_what_a_hand_puts_in_and_show_what_chang
 }
 
 #[test]
+fn a_new_channel_of_every_board_begins_close_to_its_middle_and_slowly_and_is_widened_by_hand() {
+    let pulses = ["pulse_at_0_us = 1450\npulse_at_1_us = 1550\n"; 4];
+    let kinds = ["kind = \"maestro\"", "kind = \"pca9685\"", "kind = \"sacn\"", "kind = \"artnet\""];
+    let bus = |family, unit| format!("kind = \"bus-servo\"\nfamily = \"{family}\"\nunit = \"{unit}\"");
+    let [steps, degrees] = [bus("feetech-scs", "steps"), bus("dynamixel-x", "degrees")];
+    let boards: Vec<(&str, &str)> = kinds
+        .into_iter()
+        .zip(pulses)
+        .chain([
+            (&*steps, "position_at_0 = 497\nposition_at_1 = 527\n"),
+            (&*degrees, "position_at_0 = 175\nposition_at_1 = 185\n"),
+        ])
+        .collect();
+    let links: String = boards.iter().map(|(board, _)| format!("[[link]]\n{board}\n\n")).collect();
+    let Some((console, mut browser)) = open_with(&links, "servos", PHONE) else { return };
+    let board = |index: usize| format!("document.querySelectorAll('.board')[{index}]");
+    browser.wait_until(&board(5));
+    for index in 0..boards.len() {
+        browser.click_on(&format!("[...{}.querySelectorAll('button')].at(-1)", board(index)));
+        browser.wait_until(&format!("{}.querySelector('.channel')", board(index)));
+    }
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let numbers = [0, 0, 1, 1, 1, 1];
+    let link = |((board, ends), number): (&(&str, &str), u32)| {
+        format!("[[link]]\n{board}\n\n[[link.channel]]\nchannel = {number}\n{ends}sources = {{}}\nspeed_per_s = 0.5\n")
+    };
+    let kept: Vec<String> = boards.iter().zip(numbers).map(link).collect();
+    assert_eq!(
+        console.settings().split_whitespace().collect::<Vec<_>>(),
+        kept.concat().split_whitespace().collect::<Vec<_>>()
+    );
+    browser.click("Ends, speed and more");
+    let card = "[aria-label='Channel 0']";
+    let [end, speed] = ["Pulse at end 1", "Highest speed"].map(|label| labelled(card, label));
+    assert_eq!([shown(&mut browser, &end), shown(&mut browser, &speed)], ["1550", "0.5"]);
+    browser.screenshot("a new servo");
+    browser.select_all(&end);
+    browser.type_through_statuses("1800");
+    browser.press("Enter");
+    browser.wait_for_text("1 setting is changed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert!(console.settings().contains("pulse_at_1_us = 1800"), "{}", console.settings());
+}
+
+#[test]
 fn keys_that_go_through_the_list_of_sources_add_none_until_it_is_added() {
     let Some((console, mut browser)) = open("servos", DESK) else { return };
     let list = labelled("[aria-label='Channel 3']", "Add from the list");
@@ -619,7 +761,7 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
         browser.wait_until(&is_shown(0.5));
         let place = browser.hold(&slider, 0.5);
         turn(0.9);
-        browser.wait_for_text("is 0.90");
+        browser.wait_for_text("computed 0.90");
         let [is_armed, is_held] =
             ["!{slider}.disabled", &is_shown(0.5)].map(|what| browser.value(&what.replace("{slider}", &slider)));
         browser.let_go(place);

@@ -48,8 +48,8 @@ pub enum Request {
     /// Read the settings again, as SIGHUP does. The answer comes when the new settings are in force, and says what has
     /// changed, or names every fault in a line of its own.
     Reload {},
-    /// Give servos no pulses, on all links, whatever else happens, until a client asks to give them some again. The answer
-    /// comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
+    /// Give servos no pulses, on all links, until a client asks to give them some again. This ends a drive. One that begins
+    /// later gives pulses to the servo that it jogs, and to no other. The answer comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
     /// not: it names them, and what to do. They obey as soon as they are reached.
     Release {
         /// Whether servos get no pulses.
@@ -57,8 +57,12 @@ pub enum Request {
     },
     /// Move servos or the whole face. The first answer is [`Reply::Driving`]; then the client sends a [`Drive`] in a line, at
     /// least every 250 ms. After 400 ms without a line, or when the client closes the connection, the wearer's face is back.
-    /// One client at a time can drive.
-    Drive {},
+    /// One client at a time can drive. From the first answer on, servo boards that it does not move stay where they are.
+    Drive {
+        /// Whether they follow the face instead.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        others_follow: bool,
+    },
     /// Show the next frame that the camera gives, as [`Reply::Picture`] and the bytes of its rows. Refused unless the setting
     /// `console.picture` allows it.
     Picture {},
@@ -72,7 +76,8 @@ pub enum Request {
 pub enum Drive {
     /// The same as before.
     Alive {},
-    /// A position of one servo. The other channels of the link are at rest, and all other links follow the face.
+    /// A position of one servo, which goes there within its limits, or at half of its range a second if its speed has none. The
+    /// other channels of the link are at rest. Links to anything but servo boards follow the face.
     Jog {
         /// The number of the link, from 0 on in the order of the settings.
         link: usize,
@@ -481,7 +486,12 @@ mod tests {
         let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
         let first = [calibrate, choose, Request::Delete { wearer: anna }, Request::List {}];
         let second = [Request::Record {}, Request::Watch {}, Request::Status {}, Request::Reload {}];
-        let third = [Request::Release { on: true }, Request::Drive {}, Request::Picture {}, Request::Landmarks {}];
+        let third = [
+            Request::Release { on: true },
+            Request::Drive { others_follow: false },
+            Request::Picture {},
+            Request::Landmarks {},
+        ];
         assert_eq!(requests.collect::<Vec<Request>>(), [first, second, third].concat());
     }
 }

@@ -12,7 +12,7 @@ use crate::channel::{Channel, ChannelSettings, values};
 /// the face does.
 #[derive(Debug, Default)]
 pub struct Operator {
-    /// No servo gets pulses.
+    /// No servo gets pulses but the one that is jogged.
     pub is_released: AtomicBool,
     /// The value of `is_released` that all links were told last.
     pub told_released: AtomicBool,
@@ -27,6 +27,8 @@ pub struct Operator {
 pub struct Dials {
     pub channels: Vec<Dial>,
     pub operator: Arc<Operator>,
+    /// Whether the channels stay where they are while an operator drives, but for one that is jogged.
+    is_still: AtomicBool,
     /// Whether the board has taken the operator's release, as far as such a board can tell.
     has_released: AtomicBool,
 }
@@ -38,7 +40,7 @@ impl Dials {
             Dial { number: channel.number, name, ..Dial::default() }
         };
         let channels = sorted(settings).iter().map(dial).collect();
-        Self { channels, operator: Arc::clone(operator), has_released: AtomicBool::new(false) }
+        Self { channels, operator: Arc::clone(operator), ..Self::default() }
     }
 
     #[must_use]
@@ -54,21 +56,34 @@ impl Dials {
 
     /// Whether an operator keeps the board without pulses, or jogs one of its channels.
     pub fn is_operated(&self) -> bool {
-        let Operator { is_released, is_driven, .. } = &*self.operator;
-        let has_jog = || is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some());
-        !self.channels.is_empty() && (is_released.load(Relaxed) || has_jog())
+        !self.channels.is_empty() && (self.operator.is_released.load(Relaxed) || self.has_jog())
+    }
+
+    /// Whether an operator keeps all channels without pulses.
+    pub fn is_off(&self) -> bool {
+        self.operator.is_released.load(Relaxed) && !self.has_jog()
+    }
+
+    fn has_jog(&self) -> bool {
+        self.operator.is_driven.load(Relaxed) && self.channels.iter().any(|dial| dial.jog.get().is_some())
     }
 
     pub fn has(&self, channel: u16) -> bool {
         self.channels.iter().any(|dial| dial.number == channel)
     }
 
-    /// Lets the channels begin where those of another board are, which this one replaces.
+    /// Lets the channels begin where those of another board are, which this one replaces, and stay there if they are to.
     pub fn begin_at(&self, other: &Self) {
         for dial in &self.channels {
             let same = other.channels.iter().find(|same| same.number == dial.number);
             dial.start.set(same.and_then(|same| same.place.get()));
         }
+        self.keep_still(other.is_still.load(Relaxed));
+    }
+
+    /// Keeps the channels where they are while an operator drives, or not.
+    pub fn keep_still(&self, is_still: bool) {
+        self.is_still.store(is_still, Relaxed);
     }
 
     /// Moves this channel alone to a position in place of the face, or none.
@@ -141,7 +156,7 @@ impl Board {
     }
 
     /// Moves the channels with the face, or as the operator wants. While one channel is jogged, the others of its board
-    /// go to rest.
+    /// go to rest, or stay without pulses if the operator has released them, or where they are if they are to be still.
     pub fn follow(&mut self, packet: &Packet, now: Instant) -> &[Channel] {
         if self.moved_at.is_none() {
             self.begin();
@@ -151,11 +166,15 @@ impl Board {
         let Dials { channels: dials, operator, .. } = &*self.dials;
         let is_released = operator.is_released.load(Relaxed);
         let is_driven = operator.is_driven.load(Relaxed);
-        self.is_off = is_released;
         let jog = |dial: &Dial| dial.jog.get().filter(|_| is_driven);
-        let state = if dials.iter().any(|dial| jog(dial).is_some()) { State::Neutral } else { packet.state };
+        let has_jog = dials.iter().any(|dial| jog(dial).is_some());
+        self.is_off = is_released && !has_jog;
+        let is_still = is_driven && self.dials.is_still.load(Relaxed);
+        let state = if has_jog { State::Neutral } else { packet.state };
         for (index, channel) in self.channels.iter_mut().enumerate() {
-            (channel.jog, channel.is_off) = (dials.get(index).and_then(jog), is_released);
+            channel.jog = dials.get(index).and_then(jog);
+            channel.is_off = is_released && channel.jog.is_none();
+            channel.is_still = is_still && channel.jog.is_none();
             channel.step(state, packet.reason, &values, step_s);
         }
         self.show();
@@ -239,7 +258,6 @@ mod tests {
         operator.is_driven.store(true, Relaxed);
         assert!(follow(2, 0.5) == [(0.2, None), (1.0, Some(2000.0))] && dials.is_operated(), "others are at rest");
         operator.is_released.store(true, Relaxed);
-        assert_eq!(follow(2, 0.0), [(0.2, None), (1.0, None)]);
         dials.jog(None);
         assert!(follow(2, 0.0).iter().all(|(_, pulse_us)| pulse_us.is_none()));
         operator.is_released.store(false, Relaxed);
@@ -252,5 +270,99 @@ mod tests {
             Some(1000.0)
         );
         assert!((0.95..0.97).contains(&dials.channels[1].position.get().unwrap()) && !dials.is_operated());
+    }
+
+    #[test]
+    fn a_jog_of_a_channel_without_a_limit_of_speed_takes_two_seconds_from_end_to_end_on_every_board() {
+        let limited = |channel, speed_per_s| ChannelSettings { channel, speed_per_s, ..ChannelSettings::default() };
+        let settings = [limited(1, 0.0), limited(2, 2.0)];
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        operator.is_driven.store(true, Relaxed);
+        // Boards that keep the limits of the settings by themselves get the target, and others the place on the way there.
+        for (channel, second, at_once) in [(0, 1500.0, false), (1, 2000.0, true)] {
+            dials.jog(Some((settings[channel].channel as u16, 1.0)));
+            let mut places = (0..=100).map(|_| {
+                now += std::time::Duration::from_millis(20);
+                let moved = &board.follow(&Packet::NEUTRAL, now)[channel];
+                [moved.target_place(), moved.place_now()].map(|place| place.unwrap().round())
+            });
+            let [target, _] = places.next().unwrap();
+            assert_eq!(target == 2000.0, at_once, "{target}");
+            let [_, after_a_second] = places.nth(49).unwrap();
+            assert!((after_a_second - second).abs() <= 10.0, "{after_a_second}");
+            assert_eq!(places.last(), Some([2000.0; 2]));
+        }
+        dials.jog(None);
+        now += std::time::Duration::from_millis(20);
+        let resting = board.follow(&Packet::NEUTRAL, now)[0].target_place();
+        assert_eq!(resting, Some(1000.0), "the face moves it without a limit");
+    }
+
+    #[test]
+    fn a_released_servo_that_is_jogged_gets_pulses_alone_from_where_it_was_left_until_the_jog_ends() {
+        let settings = [1, 2].map(|channel| ChannelSettings { channel, neutral: 0.5, ..ChannelSettings::default() });
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        let mut places = |steps| {
+            for _ in 0..steps {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now);
+            }
+            (dials.channels.iter().map(|dial| dial.place.get()).collect::<Vec<_>>(), board.is_off && dials.is_off())
+        };
+        operator.is_released.store(true, Relaxed);
+        dials.jog(Some((2, 1.0)));
+        assert_eq!(places(10), (vec![None; 2], true), "nobody drives");
+        operator.is_driven.store(true, Relaxed);
+        let (first, is_off) = places(1);
+        assert!(first[0].is_none() && (1500.0..=1520.0).contains(&first[1].unwrap()) && !is_off, "{first:?}");
+        assert_eq!(places(200), (vec![None, Some(2000.0)], false));
+        dials.jog(Some((1, 0.5)));
+        assert_eq!(places(200), (vec![Some(1500.0), None], false));
+        dials.jog(None);
+        assert_eq!(places(1), (vec![None; 2], true));
+    }
+
+    #[test]
+    fn a_board_that_is_to_be_still_stays_where_it_is_with_or_without_pulses_while_an_operator_drives() {
+        let slow = |channel, loss| {
+            let sources = valued(&[("jawOpen", 1.0)]);
+            ChannelSettings { channel, sources, speed_per_s: 1.0, loss, ..ChannelSettings::default() }
+        };
+        let settings = [slow(1, AtLoss::Neutral), slow(2, AtLoss::Release)];
+        let operator = Arc::<Operator>::default();
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut now = Instant::now();
+        let mut places = |state, jaw_open, steps| {
+            let mut packet = Packet { state, ..Packet::NEUTRAL };
+            packet.coefficients[17] = jaw_open;
+            for _ in 0..steps {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&packet, now);
+            }
+            [0, 1].map(|index: usize| dials.channels[index].place.get().map(f32::round))
+        };
+        dials.keep_still(true);
+        assert_eq!(places(State::Live, 1.0, 26), [Some(1500.0); 2], "nobody drives");
+        operator.is_driven.store(true, Relaxed);
+        for (state, jaw_open) in [(State::Live, 1.0), (State::Live, 0.0), (State::Neutral, 0.0)] {
+            assert_eq!(places(state, jaw_open, 50), [Some(1500.0); 2], "{state:?}");
+        }
+        operator.is_released.store(true, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 1), [None; 2]);
+        operator.is_released.store(false, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 50), [None; 2], "it stays released");
+        operator.is_driven.store(false, Relaxed);
+        assert_eq!(places(State::Neutral, 0.0, 100), [Some(1000.0), None]);
+        operator.is_driven.store(true, Relaxed);
+        assert_eq!(places(State::Live, 1.0, 50), [Some(1000.0), None], "it had no pulses without a face");
+        dials.jog(Some((2, 0.5)));
+        assert_eq!(places(State::Live, 1.0, 100), [Some(1000.0), Some(1500.0)]);
     }
 }

@@ -16,6 +16,10 @@ pub const SOURCE_NAMES: [&str; SOURCE_COUNT] = {
     names
 };
 
+/// Highest speed of a jog of a channel without a limit of its own: from one end to the other in 2 s. Whoever jogs may not
+/// know yet where the servo binds.
+const JOG_SPEED_PER_S: f32 = 0.5;
+
 /// A number for each source. In the settings of a channel it is how much the source moves the channel: per unit of a
 /// coefficient, and per degree of an angle.
 pub type Sources = [f32; SOURCE_COUNT];
@@ -128,6 +132,8 @@ pub struct Channel {
     /// Where an operator wants the channel, and whether the operator wants it without pulses.
     pub(crate) jog: Option<f32>,
     pub(crate) is_off: bool,
+    /// Whether the channel stays where it is, with or without pulses.
+    pub(crate) is_still: bool,
 }
 
 impl Channel {
@@ -136,8 +142,8 @@ impl Channel {
         let (limits, number) = (settings.limits(), u16::try_from(settings.channel).unwrap_or_default());
         let ends = [settings.pulse_at_0_us as f32, settings.pulse_at_1_us as f32];
         let (settings, motion, target) = (settings.clone(), Motion::at(neutral), neutral);
-        let (is_released, is_first, jog, is_off) = (false, false, None, false);
-        Self { number, limits, settings, neutral, ends, target, motion, is_released, is_first, jog, is_off }
+        let (is_released, is_first, jog, is_off, is_still) = (false, false, None, false, false);
+        Self { number, limits, settings, neutral, ends, target, motion, is_released, is_first, jog, is_off, is_still }
     }
 
     /// How far apart the ends are.
@@ -170,6 +176,8 @@ impl Channel {
         let is_lost = self.jog.is_none() && state == State::Neutral;
         if let Some(position) = self.jog {
             self.target = position.clamp(0.0, 1.0);
+        } else if self.is_still {
+            self.target = self.motion.position;
         } else if is_lost {
             self.target = self.neutral;
         } else if let Some(position) = self.position(values) {
@@ -180,17 +188,32 @@ impl Channel {
             (self.is_released, self.is_first, self.motion) = (true, false, Motion::at(self.motion.position));
             return;
         }
-        let position = self.motion.step(self.limits, self.target, step_s);
+        let mut limits = self.limits;
+        if self.is_slowed() {
+            limits.speed_per_s = limits.speed_per_s.min(JOG_SPEED_PER_S);
+        }
+        let position = self.motion.step(limits, self.target, step_s);
         // A service that stops has no time to wait for a slow servo.
         let has_arrived = position.to_bits() == self.target.to_bits() || reason == Reason::Stopping;
-        self.is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
+        if !self.is_still {
+            self.is_released = is_lost && has_arrived && self.settings.loss == AtLoss::Release;
+        }
         self.is_first = was_released && !self.is_released;
+    }
+
+    /// Whether [`JOG_SPEED_PER_S`] limits the channel, of which boards do not know.
+    fn is_slowed(&self) -> bool {
+        self.jog.is_some() && self.settings.speed_per_s <= 0.0
     }
 
     /// The place where the channel goes, for a board that moves there within the limits. The first place after none is
     /// where the servo was left, because the board would move it at once. `None` releases the servo.
     pub fn target_place(&self) -> Option<f32> {
-        if self.is_first { self.place_now() } else { (!self.is_released).then(|| self.place(self.target)) }
+        if self.is_first || self.is_slowed() {
+            self.place_now()
+        } else {
+            (!self.is_released).then(|| self.place(self.target))
+        }
     }
 
     /// The place where the channel is by now if it keeps its limits. `None` releases the servo.

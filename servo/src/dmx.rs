@@ -121,14 +121,21 @@ impl Values {
         }
     }
 
-    /// Writes the values of all channels into the universe.
+    /// Writes the values of all channels into the universe. While an operator has stopped all servos but one, the others have
+    /// what the node gets of stopped servos: if nobody knows their last values, those of the places where they rest.
     fn write(&mut self) -> &Universe {
-        let is_off = self.board.is_off;
-        self.is_known |= !is_off;
+        let was_known = self.is_known;
+        self.is_known |= !self.board.is_off;
         for channel in &self.board.channels {
             let settings = &channel.settings;
-            let of_pulse = || channel.place_now().map_or(0, |pulse_us| settings.dmx.value(pulse_us));
-            let value = if is_off { settings.stop_value as u16 } else { of_pulse() }.to_be_bytes();
+            let of_pulse = |pulse_us| settings.dmx.value(pulse_us);
+            let value = match self.at_stop {
+                _ if !channel.is_off => channel.place_now().map_or(0, of_pulse),
+                AtStop::Value => settings.stop_value as u16,
+                AtStop::Hold | AtStop::End if was_known => continue,
+                AtStop::Hold | AtStop::End => of_pulse(channel.place(channel.motion.position)),
+            };
+            let value = value.to_be_bytes();
             let bytes = if settings.dmx.width() == 1 { &value[1..] } else { &value };
             let first = settings.channel.saturating_sub(1) as usize;
             self.universe.iter_mut().skip(first).zip(bytes).for_each(|(to, from)| *to = *from);
@@ -180,6 +187,33 @@ mod tests {
                 operator.is_released.store(true, Relaxed);
                 assert_eq!([0.0, 0.5, 0.2, 0.9].map(&mut shown), while_stopped, "{at_stop:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_jog_of_a_stopped_servo_leaves_the_others_of_the_universe_as_they_are_or_at_rest_if_nobody_knows_how_they_are()
+    {
+        let channels =
+            [1, 2].map(|number| ChannelSettings { neutral: 0.5, stop_value: 7, ..channel(number, Encoding::Bits8) });
+        for (at_stop, at_a_start, after_a_face) in
+            [(AtStop::Hold, 128, 255), (AtStop::End, 128, 255), (AtStop::Value, 7, 7)]
+        {
+            let operator = Arc::<Operator>::default();
+            let dials = Arc::new(Dials::new(&channels, &operator));
+            let mut values = Values::new(&channels, Encoding::Bits16, at_stop, &dials);
+            let mut now = Instant::now();
+            let mut shown = |is_released| {
+                operator.is_released.store(is_released, Relaxed);
+                now += Duration::from_secs(1);
+                values.follow(&face(State::Live, 1.0), now).map(|(universe, ends)| (universe[0], universe[1], ends))
+            };
+            operator.is_driven.store(true, Relaxed);
+            dials.jog(Some((2, 0.5)));
+            assert_eq!(shown(true), Some((at_a_start, 128, false)), "{at_stop:?}");
+            dials.jog(None);
+            assert_eq!(shown(false), Some((255, 255, false)), "{at_stop:?}");
+            dials.jog(Some((2, 1.0)));
+            assert_eq!(shown(true), Some((after_a_face, 255, false)), "{at_stop:?}");
         }
     }
 

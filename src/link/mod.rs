@@ -248,7 +248,7 @@ impl Link {
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
-        let is_released = panel.dials.operator.is_released.load(Relaxed);
+        let is_off = panel.dials.is_off();
         let mut is_taken = true;
         encoder(&packet(output, self.sequence), output, &mut |message| {
             panel.traffic.packets.fetch_add(1, Relaxed);
@@ -261,7 +261,7 @@ impl Link {
         });
         if self.udp.is_some() {
             // No receiver of datagrams acknowledges anything.
-            self.panel.dials.note_released(is_released && is_taken);
+            self.panel.dials.note_released(is_off && is_taken);
         }
         self.sequence = self.sequence.wrapping_add(1);
     }

@@ -98,8 +98,10 @@ enum Task {
     /// To take the answer, after which the connection is closed.
     Leave,
     Watch,
-    /// To send one line after another.
-    Drive,
+    /// To send one line after another. The servo boards that it does not move follow the face, or stay still.
+    Drive {
+        others_follow: bool,
+    },
     Record(Recording),
     Calibrate(Calibrating),
     /// To wait for an answer.
@@ -256,7 +258,7 @@ impl Server {
             Task::Ask | Task::Leave if client.has_waited(client.patience()) => return Err(ErrorKind::TimedOut.into()),
             Task::Ask => return self.hear(client).map(|heard| *task = heard),
             Task::Leave => return Ok(()),
-            Task::Drive => drive::step(client, &mut self.peers)?.map(|why| {
+            Task::Drive { others_follow } => drive::step(client, *others_follow, &mut self.peers)?.map(|why| {
                 tracing::info!("the driver is refused: {why}");
                 (Reply::Refused(why), Vec::new())
             }),
@@ -283,10 +285,20 @@ impl Server {
 
     fn end(&self, task: &Task) {
         match task {
-            Task::Drive => drive::end(&self.peers),
+            Task::Drive { .. } => drive::end(&self.peers),
             Task::Record(recording) => recording.end(),
             Task::Calibrate(calibrating) => calibrating.end(),
             _ => {}
+        }
+    }
+
+    /// Ends the drive that there may be, because whoever releases servos has the last word.
+    fn end_drive(&mut self) {
+        for (client, task) in self.clients.iter_mut().filter(|(_, task)| matches!(task, Task::Drive { .. })) {
+            *task = Task::Leave;
+            drive::end(&self.peers);
+            // One that has gone ends at its next step.
+            let _ = client.send(&Reply::Refused("all servos are released: drive again to move one by hand".to_owned()));
         }
     }
 
@@ -322,13 +334,18 @@ impl Server {
                 let status = status::status(&self.peers.counters, &self.settings, self.config.as_deref());
                 return Ok((Some(Reply::Status(Box::new(status))), Task::Leave));
             }
-            Request::Release { on } => release::release(on, &self.peers, self.kept.clone()),
-            Request::Drive {} if self.is_any(|task| matches!(task, Task::Drive)) => {
+            Request::Release { on } => {
+                if on {
+                    self.end_drive();
+                }
+                release::release(on, &self.peers, self.kept.clone())
+            }
+            Request::Drive { .. } if self.is_any(|task| matches!(task, Task::Drive { .. })) => {
                 return Err("somebody else drives: try again when they have ended".into());
             }
-            Request::Drive {} => {
-                drive::begin(&mut self.peers);
-                return Ok((Some(Reply::Driving(true)), Task::Drive));
+            Request::Drive { others_follow } => {
+                drive::begin(others_follow, &mut self.peers);
+                return Ok((Some(Reply::Driving(true)), Task::Drive { others_follow }));
             }
             Request::Record {} if self.is_any(|task| matches!(task, Task::Record(_))) => {
                 return Err("another recording is in progress: try again when it has ended".into());

@@ -584,6 +584,7 @@ enum Touch {
 /// The number by which browsers tell keys apart that give no text.
 fn virtual_key(key: &str) -> u32 {
     match key {
+        "Backspace" => 8,
         "Tab" => 9,
         "Enter" => 13,
         "Escape" => 27,

@@ -4,7 +4,7 @@ use std::{
     collections::HashMap,
     fs,
     io::{BufRead as _, BufReader, Read as _, Write as _},
-    net::{IpAddr, SocketAddr, TcpStream},
+    net::{IpAddr, Shutdown, SocketAddr, TcpStream},
     os::unix::{
         fs::PermissionsExt as _,
         net::{UnixListener, UnixStream},
@@ -65,6 +65,10 @@ pub struct Seen {
     pub refusal: Option<(&'static str, &'static str)>,
     /// Whether requests for landmarks get no answer.
     pub is_stuck: bool,
+    /// What the servo at channel 3 tells of itself besides.
+    pub health: Value,
+    /// The connection of the client that drives, and how many lines had come before it.
+    driver: Option<(UnixStream, usize)>,
 }
 
 /// A service in this process.
@@ -121,13 +125,23 @@ fn status(seen: &Seen) -> Value {
     let is_released = !is_stuck && of("release").next_back().is_some_and(|request| request["on"] == true);
     let channel = |number: u32| {
         let last = seen.lines.iter().rev().find(|(_, line)| line["channel"] == number);
+        let is_jogged = seen.driver.as_ref().is_some_and(|(_, before)| {
+            let jogged = seen.lines[*before..].iter().rev().find(|(_, line)| *line != json!({}));
+            jogged.is_some_and(|(_, line)| line["channel"] == number)
+        });
         let position = last.map_or(json!(0.5), |(_, line)| line["position"].clone());
-        let pulse_us = position.as_f64().filter(|_| !is_released).map(|position| 1100.0 + 800.0 * position);
-        json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us})
+        let pulse_us =
+            position.as_f64().filter(|_| !is_released || is_jogged).map(|position| 1100.0 + 800.0 * position);
+        let mut status = json!({"number": number, "target": position, "position": position, "pulse_us": pulse_us});
+        if let Some(health) = seen.health.as_object().filter(|_| number == 3) {
+            status.as_object_mut().unwrap().extend(health.clone());
+        }
+        status
     };
+    let is_off = is_released && [0, 3].map(channel).iter().all(|channel| channel["pulse_us"].is_null());
     let link = json!({"name": "maestro /dev/ttyACM0", "kind": "maestro", "open": true, "sent": 100, "dropped": 0,
-        "trouble": null, "channels": [channel(0), channel(3)]});
-    let is_driven = of("drive").count() > seen.ended.len();
+        "trouble": null, "stop": "no pulses", "released": is_off, "channels": [channel(0), channel(3)]});
+    let is_driven = seen.driver.is_some();
     json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": is_released, "driven": is_driven,
         "settings_refused": seen.refusal.filter(|(refused, _)| *refused == "reload").map(|(_, why)| why), "links": [link]}})
 }
@@ -187,12 +201,26 @@ fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Op
         }
         "drive" => {
             say(json!({"driving": true}))?;
+            let driver = stream.try_clone().ok()?;
+            {
+                let mut seen = seen.lock().unwrap();
+                seen.driver = Some((driver, seen.lines.len()));
+            }
             for line in lines.map_while(Result::ok) {
                 let line = serde_json::from_str(&line).unwrap();
                 seen.lock().unwrap().lines.push((Instant::now(), line));
             }
-            seen.lock().unwrap().ended.push(Instant::now());
+            let mut seen = seen.lock().unwrap();
+            seen.driver = None;
+            seen.ended.push(Instant::now());
             None
+        }
+        "release" if request["on"] == true => {
+            // Whoever releases servos has the last word.
+            if let Some((driver, _)) = &seen.lock().unwrap().driver {
+                let _ = driver.shutdown(Shutdown::Both);
+            }
+            say(json!({"done": "it is done"}))
         }
         _ => say(json!({"done": "it is done"})),
     }

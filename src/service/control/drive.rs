@@ -19,22 +19,23 @@ pub(super) const DRIVE_PATIENCE: Duration = Duration::from_millis(400);
 /// The servo to jog: the place of its link, its channel, and where it goes.
 type Jog = (usize, u16, f32);
 
-pub(super) fn begin(peers: &mut Peers) {
+pub(super) fn begin(others_follow: bool, peers: &mut Peers) {
     tracing::info!("driving begins");
     // The last driver's jog or puppet must not move anything.
-    set_driven(None, None, peers);
+    set_driven(None, None, others_follow, peers);
 }
 
 pub(super) fn end(peers: &Peers) {
+    peers.counters.traffic.operator.is_driven.store(false, Relaxed);
     drive_until(0, peers);
     tracing::info!("driving has ended");
 }
 
-/// Does what the driver's lines say. Returns why it may not drive any more if one is bad or none comes.
-pub(super) fn step(driver: &mut Client, peers: &mut Peers) -> io::Result<Option<String>> {
+/// Does what the driver's lines say, while servo boards that it does not move stay still unless `others_follow`. Returns why it may not drive any more if one is bad or none comes.
+pub(super) fn step(driver: &mut Client, others_follow: bool, peers: &mut Peers) -> io::Result<Option<String>> {
     let has_ended = driver.receive(MAX_DRIVE_LINE)?;
     while let Some(line) = driver.request(MAX_DRIVE_LINE) {
-        if let Err(why) = line.and_then(|drive| obey(drive, peers)) {
+        if let Err(why) = line.and_then(|drive| obey(drive, others_follow, peers)) {
             return Ok(Some(why));
         }
     }
@@ -45,27 +46,30 @@ pub(super) fn step(driver: &mut Client, peers: &mut Peers) -> io::Result<Option<
 }
 
 /// Gives the links what the driver wants, until [`DRIVE_PATIENCE`] has passed without another line.
-fn obey(drive: Drive, peers: &mut Peers) -> Result<(), String> {
+fn obey(drive: Drive, others_follow: bool, peers: &mut Peers) -> Result<(), String> {
     match drive {
         Drive::Alive {} => {}
         Drive::Jog { link, channel, position } => {
             if !peers.counters.panels().get(link).is_some_and(|panel| panel.dials.has(channel)) {
                 return Err(format!("link {link} has no servo at channel {channel}"));
             }
-            set_driven(Some((link, channel, position)), None, peers);
+            set_driven(Some((link, channel, position)), None, others_follow, peers);
         }
         Drive::Puppet { coefficients, head_deg } => {
-            set_driven(None, Some(puppet_pose(&coefficients, head_deg)?), peers);
+            set_driven(None, Some(puppet_pose(&coefficients, head_deg)?), others_follow, peers);
         }
     }
     drive_until(monotonic_us() + DRIVE_PATIENCE.as_micros() as u64, peers);
     Ok(())
 }
 
-fn set_driven(jog: Option<Jog>, pose: Option<Pose>, peers: &mut Peers) {
+fn set_driven(jog: Option<Jog>, pose: Option<Pose>, others_follow: bool, peers: &mut Peers) {
     peers.puppet.write(pose);
+    // A puppet moves all boards.
+    let is_still = pose.is_none() && !others_follow;
     for (index, panel) in peers.counters.panels().iter().enumerate() {
         let of_panel = jog.filter(|(link, ..)| *link == index);
+        panel.dials.keep_still(is_still && of_panel.is_none());
         panel.dials.jog(of_panel.map(|(_, channel, position)| (channel, position)));
     }
 }

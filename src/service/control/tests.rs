@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
 use facewire_face::{Landmarks, Picture, Pixels, Profile};
-use facewire_packet::control::{ChannelStatus, Phase, PictureFormat, PictureHead, Progress, Refusal};
+use facewire_packet::control::{ChannelStatus, Drive, Phase, PictureFormat, PictureHead, Progress, Refusal};
 use facewire_packet::{Reason, State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
 use triple_buffer::{Output as Newest, triple_buffer};
@@ -478,7 +478,11 @@ fn rig_with_servos() -> (Rig, Board, Vec<Arc<Panel>>) {
 impl Rig {
     /// Begins to drive, and returns the connection.
     fn driver(&mut self) -> UnixStream {
-        let mut answers = self.ask(Request::Drive {});
+        self.driver_with(false)
+    }
+
+    fn driver_with(&mut self, others_follow: bool) -> UnixStream {
+        let mut answers = self.ask(Request::Drive { others_follow });
         assert_eq!(answers.next(), Some(Reply::Driving(true)));
         answers.lines.into_inner()
     }
@@ -518,7 +522,7 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
         ("{}\n", None),
     ] {
         let mut far = rig.driver();
-        assert!(rig.refused(Request::Drive {}).contains("somebody else"));
+        assert!(rig.refused(Request::Drive { others_follow: false }).contains("somebody else"));
         assert!(rig.drive(&mut far, jog) && rig.drive(&mut far, "{}\n"));
         if why.is_none() {
             far.shutdown(std::net::Shutdown::Both).unwrap();
@@ -527,22 +531,23 @@ fn one_client_at_a_time_drives_until_it_is_silent_or_goes_or_sends_nonsense() {
             assert!(!rig.drive(&mut far, ""));
         }
         let told = (!rig.drive(&mut far, last)).then(|| Answers::of(far).next()).unwrap();
-        assert!(!rig.server.is_any(|task| matches!(task, Task::Drive)), "{last}");
+        assert!(!rig.server.is_any(|task| matches!(task, Task::Drive { .. })), "{last}");
         assert!(why.is_none_or(|why| matches!(told, Some(Reply::Refused(told)) if told.contains(why))), "{last}");
     }
 }
 
 #[test]
-fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_get_no_pulses() {
+fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_get_pulses_only_while_they_are_jogged() {
     let (mut rig, mut board, panels) = rig_with_servos();
     let mut random = fastrand::Rng::with_seed(1);
     let step = Duration::from_millis(20);
     let limits = [(1.0, f32::INFINITY), (2.0, 20.0)];
     let mut now = Instant::now();
-    let mut far = rig.driver();
+    let mut far = rig.driver_with(true);
     let mut before = [(0.0, 0.0); 2];
     let mut driven = 0;
     let mut pulses = 0;
+    let mut jogged = None;
     for _ in 0..10_000 {
         let number = ["0", "1", "-1", "0.5", "1e30", "-1e30", "1e999", "null", "[]", "\"1\""][random.usize(..10)];
         let line = match random.u32(..8) {
@@ -552,9 +557,19 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
             3 => (0..random.usize(..40)).map(|_| random.char(..)).collect(),
             _ => format!("{{\"link\":{},\"channel\":{},\"position\":{number}}}", random.u8(..3), random.u8(..5)),
         };
-        driven += u32::from(rig.drive(&mut far, &format!("{line}\n")));
+        let is_driven = rig.drive(&mut far, &format!("{line}\n"));
+        driven += u32::from(is_driven);
+        // A line that is obeyed takes the place of the one before, unless it is empty.
+        if let Ok(line) = serde_json::from_str::<Drive>(&line)
+            && is_driven
+            && line != (Drive::Alive {})
+        {
+            jogged = if let Drive::Jog { channel, .. } = line { Some(channel) } else { None };
+        }
+        // The next one who drives begins without a jog.
+        jogged = jogged.filter(|_| is_driven);
         if rig.server.clients.is_empty() {
-            far = rig.driver();
+            far = rig.driver_with(true);
         }
         let is_released = random.u32(..10) == 0;
         panels[1].dials.operator.is_released.store(is_released, Relaxed);
@@ -568,13 +583,81 @@ fn no_lines_of_one_who_drives_take_a_servo_beyond_its_limits_and_released_ones_g
             let speed = (position - before.0) / step.as_secs_f32();
             let change_per_s = (speed - before.1).abs() / step.as_secs_f32();
             assert!((0.0..=1.0).contains(&position) && speed.abs() <= speed_per_s * 1.01, "{speed} {line:?}");
-            assert!(is_released || change_per_s <= acceleration_per_s2 * 1.2, "{change_per_s}");
-            *before = (position, if is_released { 0.0 } else { speed });
-            assert_eq!(dial.place.get().is_none(), is_released);
+            let is_off = is_released && jogged != Some(dial.number);
+            assert!(is_off || change_per_s <= acceleration_per_s2 * 1.2, "{change_per_s}");
+            *before = (position, if is_off { 0.0 } else { speed });
+            assert_eq!(dial.place.get().is_none(), is_off);
             pulses += u32::from(speed != 0.0);
         }
     }
     assert!(driven > 2000 && pulses > 1000, "{driven} {pulses}");
+}
+
+#[test]
+fn a_release_ends_a_drive_and_one_that_begins_after_it_gives_pulses_to_the_servo_that_it_jogs_alone() {
+    let (mut rig, mut board, panels) = rig_with_servos();
+    let jog = "{\"link\":1,\"channel\":3,\"position\":0.5}\n";
+    let mut now = Instant::now();
+    let mut pulses = || {
+        now += Duration::from_millis(20);
+        board.follow(&Packet::NEUTRAL, now);
+        panels[1].dials.channels.iter().map(|dial| dial.place.get().is_some()).collect::<Vec<_>>()
+    };
+    for _ in 0..2 {
+        let mut driver = rig.driver();
+        assert!(rig.drive(&mut driver, jog));
+        assert!(pulses()[1], "channel 3");
+        let _release = rig.ask(Request::Release { on: true });
+        assert!(!rig.drive(&mut driver, jog), "whoever drove moves nothing any more");
+        assert_eq!(pulses(), [false; 2]);
+        let told = Answers::of(driver).next();
+        assert!(matches!(&told, Some(Reply::Refused(why)) if why.contains("released")), "{told:?}");
+        let mut next = rig.driver();
+        assert!(rig.drive(&mut next, "{}\n"));
+        assert_eq!(pulses(), [false; 2]);
+        assert!(rig.drive(&mut next, jog));
+        assert_eq!(pulses(), [false, true]);
+        next.shutdown(std::net::Shutdown::Both).unwrap();
+        assert!(!rig.drive(&mut next, ""));
+        assert_eq!(pulses(), [false; 2]);
+    }
+}
+
+#[test]
+fn other_boards_than_the_one_that_is_jogged_stay_where_they_are_unless_whoever_drives_lets_them_follow_the_face() {
+    let mut rig = Rig::new();
+    let jaw = "[[link.channel]]\nchannel = 1\nneutral = 0.25\nsources = { jawOpen = 1 }\n";
+    let boards = [254, 255].map(|bus| format!("[[link]]\nkind = \"pca9685\"\nbus = {bus}\n{jaw}"));
+    let settings = config::parse("test", &boards.concat()).unwrap();
+    let counters = Arc::clone(&rig.server.peers.counters);
+    let panels = Links::change(&settings, Vec::new(), &counters.traffic).unwrap().panels();
+    counters.set_panels(panels.clone());
+    let mut moved =
+        [0, 1].map(|link: usize| Board::new(settings.links[link].kind.channels().unwrap(), &panels[link].dials));
+    let mut now = Instant::now();
+    let mut positions = |jaw_open| {
+        let mut packet = Packet { state: State::Live, ..Packet::NEUTRAL };
+        packet.coefficients[17] = jaw_open;
+        for _ in 0..100 {
+            now += Duration::from_millis(20);
+            for board in &mut moved {
+                board.follow(&packet, now);
+            }
+        }
+        panels.iter().map(|panel| panel.dials.channels[0].position.get().unwrap()).collect::<Vec<_>>()
+    };
+    for (others_follow, armed, jogged) in [(false, [0.5, 0.5], [1.0, 0.5]), (true, [0.75, 0.75], [1.0, 0.25])] {
+        assert_eq!(positions(0.5), [0.5, 0.5]);
+        let mut driver = rig.driver_with(others_follow);
+        assert!(rig.drive(&mut driver, "{}\n"));
+        assert_eq!(positions(0.75), armed, "it moves nothing yet");
+        assert!(rig.drive(&mut driver, "{\"link\":0,\"channel\":1,\"position\":1}\n"));
+        assert_eq!(positions(0.25), jogged);
+        assert!(rig.drive(&mut driver, "{\"coefficients\":{\"jawOpen\":0.5}}\n"));
+        assert_eq!(positions(0.5), [0.5, 0.5], "the puppet's face");
+        driver.shutdown(std::net::Shutdown::Both).unwrap();
+        assert!(!rig.drive(&mut driver, ""));
+    }
 }
 
 #[test]

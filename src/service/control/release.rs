@@ -6,7 +6,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use facewire_packet::control::Reply;
 
-use super::{Peers, Task, wait::Answer};
+use super::wait::{Answer, poll_outcome};
+use super::{Peers, Task};
 use crate::capture::seconds_since_1970;
 use crate::link::Panel;
 use crate::service::kept::Kept;
@@ -14,8 +15,8 @@ use crate::service::kept::Kept;
 /// How long a client waits for boards to acknowledge a release.
 pub(super) const ACKNOWLEDGEMENT_PATIENCE: Duration = Duration::from_millis(250);
 
-/// The client waits until the sender has obeyed, and all servo boards have acknowledged a release or the patience with them
-/// has ended.
+/// The client waits until the sender has obeyed, all servo boards have acknowledged a release, and the disk has kept it, or until
+/// the patience with them has ended.
 pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     let operator = Arc::clone(&peers.counters.traffic.operator);
     if !(on && operator.is_released.load(Relaxed)) {
@@ -23,10 +24,12 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     }
     operator.is_released.store(on, Relaxed);
     peers.sender.unpark();
-    peers.keeper.begin(move || {
-        if let Err(error) = kept.keep_released(on) {
-            tracing::warn!("a restarted service will not know whether servos are released: {error}");
-        }
+    let keeping = peers.keeper.begin(move || {
+        kept.keep_released(on).map_err(|error| {
+            let trouble = format!("After a restart the service will not know whether servos are released: {error}");
+            tracing::warn!("{trouble}");
+            trouble
+        })
     });
     if !on {
         let done = "servos follow the face again";
@@ -42,6 +45,7 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     tracing::info!("an operator releases all servos");
     let counters = Arc::clone(&peers.counters);
     let end = Instant::now() + ACKNOWLEDGEMENT_PATIENCE;
+    let mut is_kept = None;
     Task::Wait(Box::new(move || {
         if !operator.is_released.load(Relaxed) {
             return refused("somebody has let servos move again meanwhile. Press STOP again");
@@ -49,8 +53,9 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
         let boards = counters.panels().into_iter().filter(|panel| panel.kind.moves_servos());
         let (reached, missed): (Vec<_>, Vec<_>) = boards.partition(|panel| panel.dials.has_released());
         let is_told = operator.told_released.load(Relaxed);
-        let is_over = (is_told && missed.is_empty()) || Instant::now() >= end;
-        is_over.then(|| (outcome(is_told, &reached, &missed), Vec::new()))
+        is_kept = is_kept.take().or_else(|| poll_outcome(&keeping));
+        let is_over = (is_told && missed.is_empty() && is_kept.is_some()) || Instant::now() >= end;
+        is_over.then(|| (outcome(is_told, &reached, &missed, is_kept.as_ref()), Vec::new()))
     }))
 }
 
@@ -58,8 +63,14 @@ fn refused(why: &str) -> Option<Answer> {
     Some((Reply::Refused(why.to_owned()), Vec::new()))
 }
 
-/// What the operator must know: which boards have not acknowledged the release, and which ones cannot.
-fn outcome(is_told: bool, reached: &[Arc<Panel>], missed: &[Arc<Panel>]) -> Reply {
+/// What the operator must know: which boards have not acknowledged the release, which ones cannot, and whether the release
+/// outlives the service.
+fn outcome(
+    is_told: bool,
+    reached: &[Arc<Panel>],
+    missed: &[Arc<Panel>],
+    is_kept: Option<&Result<Result<(), String>, String>>,
+) -> Reply {
     if !is_told {
         tracing::warn!("servos are not released: the thread that sends is stuck");
         return Reply::Refused(
@@ -88,5 +99,10 @@ fn outcome(is_told: bool, reached: &[Arc<Panel>], missed: &[Arc<Panel>]) -> Repl
         let effect = panel.kind.at_stop().unwrap_or_default();
         format!("{}: {effect}; it cannot confirm that", panel.name())
     }));
+    match is_kept {
+        Some(Ok(Ok(()))) => {}
+        Some(Ok(Err(trouble)) | Err(trouble)) => done.push(trouble.clone()),
+        None => done.push("The disk has not yet kept that for a restart of the service".to_owned()),
+    }
     Reply::Done(done.join(". "))
 }

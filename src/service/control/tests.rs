@@ -224,6 +224,7 @@ fn a_disk_that_takes_a_profile_slowly_holds_up_no_release() {
     let mut list = rig.begin(Request::List {});
     let mut release = rig.begin(Request::Release { on: true });
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.peers.keeper.load(|| ()).unwrap();
     rig.server.serve();
     assert!(matches!(release.next(), Some(Reply::Done(_))) && answers.next().is_none() && list.next().is_none());
     assert!(rig.begin(calibrate("bert")).next().is_some_and(|reply| matches!(reply, Reply::Refused(_))));
@@ -266,6 +267,27 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
     let Some(Reply::Done(done)) = answer(&mut rig) else { panic!("both have acknowledged it") };
     assert!(done.starts_with("servos get no pulses. artnet 127.0.0.1:9, universe 0"), "{done}");
     assert!(done.ends_with(": they hold their last values, with power; it cannot confirm that"), "{done}");
+}
+
+#[test]
+fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
+    let mut rig = Rig::new();
+    fs::write(rig.folder.path().join("state"), "no folder").unwrap();
+    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    let mut answers = rig.ask(Request::Release { on: true });
+    let Some(Reply::Done(done)) = answers.next() else { panic!("nothing moves") };
+    assert!(done.starts_with("servos get no pulses. After a restart the service will not know"), "{done}");
+    let (disk, waits) = mpsc::channel::<()>();
+    rig.server.peers.keeper.begin(move || waits.recv());
+    let mut answers = rig.begin(Request::Release { on: true });
+    let mut answer = None;
+    eventually("an answer", || {
+        rig.server.serve();
+        answer = answers.next();
+        answer.is_some()
+    });
+    assert!(matches!(answer, Some(Reply::Done(done)) if done.contains("not yet kept")));
+    drop(disk);
 }
 
 #[test]

@@ -76,7 +76,7 @@ impl Dials {
     pub fn begin_at(&self, other: &Self) {
         for dial in &self.channels {
             let same = other.channels.iter().find(|same| same.number == dial.number);
-            dial.start.set(same.and_then(|same| same.place.get()));
+            dial.start.set(same.and_then(|same| same.left.get().or(same.start.get())));
         }
         self.keep_still(other.is_still.load(Relaxed));
     }
@@ -109,6 +109,8 @@ pub struct Dial {
     /// What a bus servo tells of itself, in the order of [`HEALTH`](crate::bus::HEALTH).
     pub health: [Number; 4],
     jog: Number,
+    /// The last place of the channel, also while it has no pulses.
+    left: Number,
     /// Where the channel begins, in place of its neutral position, as a place.
     start: Number,
 }
@@ -185,6 +187,7 @@ impl Board {
         for (dial, channel) in self.dials.channels.iter().zip(&mut self.channels) {
             if let Some(place) = dial.start.get() {
                 channel.rest_at(place);
+                dial.left.set(Some(place));
                 dial.start.set(None);
             }
         }
@@ -194,7 +197,11 @@ impl Board {
         for (dial, channel) in self.dials.channels.iter().zip(&self.channels) {
             dial.target.set(Some(channel.target));
             dial.position.set(Some(channel.motion.position));
-            dial.place.set(channel.place_now().filter(|_| self.moved_at.is_some()));
+            let place = channel.place_now().filter(|_| self.moved_at.is_some());
+            dial.place.set(place);
+            if place.is_some() {
+                dial.left.set(place);
+            }
         }
     }
 }
@@ -230,6 +237,43 @@ mod tests {
         };
         assert_eq!(place(&mut board, 400), [1400.0, 1000.0], "a new channel begins at its neutral position");
         assert_eq!(place(&mut board, 500), [1480.0, 1100.0]);
+    }
+
+    #[test]
+    fn a_released_board_that_reloads_replace_goes_on_from_where_it_was_left() {
+        let settings = [ChannelSettings {
+            channel: 1,
+            sources: valued(&[("jawOpen", 1.0)]),
+            speed_per_s: 1.0,
+            pulse_at_1_us: 2000,
+            ..ChannelSettings::default()
+        }];
+        let operator = Arc::<Operator>::default();
+        let mut now = Instant::now();
+        let mut open = Packet { state: State::Live, ..Packet::NEUTRAL };
+        open.coefficients[17] = 1.0;
+        let mut dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        for _ in 0..=4 {
+            now += std::time::Duration::from_millis(100);
+            board.follow(&open, now);
+        }
+        operator.is_released.store(true, Relaxed);
+        board.follow(&open, now);
+        assert_eq!(dials.channels[0].place.get(), None);
+        // The second of these boards never moves, and the third one is off as well.
+        for moves in [true, false, true] {
+            let next = Arc::new(Dials::new(&settings, &operator));
+            next.begin_at(&dials);
+            dials = next;
+            board = Board::new(&settings, &dials);
+            if moves {
+                board.follow(&open, now);
+            }
+        }
+        operator.is_released.store(false, Relaxed);
+        board.follow(&open, now);
+        assert_eq!(dials.channels[0].place.get().map(f32::round), Some(1400.0));
     }
 
     #[test]

@@ -544,15 +544,9 @@ mod tests {
     fn what_comes_late_or_is_no_answer_acknowledges_no_release_and_a_part_of_another_message_ends_it() {
         let (mut board, tty) = TTYPort::pair().unwrap();
         let device = PathBuf::from(tty.name().unwrap());
-        let mut line = Line {
-            search: PortSearch::new(&SerialDevice::Auto, Attached::Maestro),
-            is_found: true,
-            baud: 115_200,
-            maestro: Some(MaestroSettings::default()),
-            release: Some(b"\x84\x00\x00\x00".to_vec()),
-            first_claim: None,
-            panel: Arc::default(),
-        };
+        let release = b"\x84\x00\x00\x00";
+        let maestro = line(Attached::Maestro, Some(MaestroSettings::default()));
+        let mut line = Line { release: Some(release.to_vec()), ..maestro };
         let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
         let dials = Arc::clone(&line.panel.dials);
         // Returns whether an answer is awaited so long after the last question.
@@ -566,8 +560,7 @@ mod tests {
             eventually("the bytes", || port.tty.bytes_to_read().unwrap() as usize == bytes.len());
         };
         assert!(after(&mut line, &mut port, 1000), "asked while there are pulses");
-        let release = line.release.clone().unwrap();
-        assert!(line.write(&mut port, &release).unwrap());
+        assert!(line.write(&mut port, release).unwrap());
         assert!(!after(&mut line, &mut port, 500));
         answer(&port, &[0, 0]);
         assert!(!after(&mut line, &mut port, 0) && !dials.has_released(), "a late answer to what was asked before");

@@ -144,8 +144,8 @@ fn action_units_are_published_for_ros4hri_if_they_are_asked_for() {
     assert_eq!((&units["confidence"][26], &units["confidence"][25]), (&1.0.into(), &0.0.into()));
 }
 
-/// ROS 2 reads the hash of a type in the user data of writers. RustDDS 0.15 reads user data, but cannot write any. Once it can, this
-/// test fails: then write the hashes, and test that they come.
+/// ROS 2 reads the hash of a type in the user data of writers. RustDDS 0.15 reads user data, but cannot write any. Once it can,
+/// this test fails: then write the hashes, and test that they come.
 #[test]
 fn until_rustdds_writes_user_data_writers_are_found_without_the_hashes_of_their_types() {
     let Some(python) = python("cyclonedds", SETUP) else { return };

@@ -45,7 +45,7 @@ const FORMS = [
 
 const isBus = (link) => link.kind === "bus-servo";
 const isDmx = (link) => ["sacn", "artnet"].includes(link.kind);
-// What tells a board from others: all its settings but those of its channels.
+// What distinguishes a board from others: all its settings but those of its channels.
 const identity = ({ channel, ...board }) => JSON.stringify(Object.entries(board).sort());
 
 // Returns for each link of the draft its place among the kept links, by which the service knows it, or undefined if the draft has
@@ -175,7 +175,7 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
   const names = Object.keys(settings.sources);
   const name = `${word} ${number}${settings.name && ` (${settings.name})`}`;
   const title = `${name[0].toUpperCase()}${name.slice(1)}`;
-  // Only bus servos tell where they are. Of others, the service computes how far they have come.
+  // Only bus servos report where they are. For others, the service computes how far they have come.
   const isMeasured = live?.measured !== undefined;
   const now = isMeasured ? live.measured : live?.position;
   const position = Math.min(1, Math.max(0, (drive.isArmed ? jog : undefined) ?? now ?? settings.neutral));
@@ -237,21 +237,21 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
         ${isDmx(board) && html`<label>Value in the universe<${Choice} value=${settings.dmx}
           keep=${(value) => set("dmx", value)} choices=${FORMS} /></label>`}
       </div>
-      <p class="dim">A new servo has ends close to its middle, and moves slowly. The slider reaches a wider end once it is typed here and
-        kept. Widen it in small steps, and stop before the mechanism binds. Raise the speed when both ends are found.</p>
+      <p class="dim">A new servo has ends close to its middle, and moves slowly. The slider reaches a wider end once you have typed and kept it
+        here. Widen it in small steps, and stop before the mechanism binds. Raise the speed when you have found both ends.</p>
       <${Action} run=${() => change({ [`link.${link}.channel.${k}`]: null })}>Remove ${name}<//>
     </details>
   </article>`;
 }
 
-// What a bus servo tells of itself.
+// The readings that a bus servo reports of itself.
 function Health({ live: { volts, celsius, load } = {} }) {
-  const told = [
+  const readings = [
     [volts?.toFixed(1), "V"],
     [celsius?.toFixed(0), "°C"],
     [load === undefined ? undefined : (100 * load).toFixed(0), "% load"],
   ].filter(([number]) => number !== undefined);
-  return html`${told.length > 0 && html`<p class="numbers">${told.map(([number, unit]) => html`<span key=${unit}><b>${number}</b> ${unit}</span>`)}</p>`}`;
+  return html`${readings.length > 0 && html`<p class="numbers">${readings.map(([number, unit]) => html`<span key=${unit}><b>${number}</b> ${unit}</span>`)}</p>`}`;
 }
 
 const number2 = (value) => (value === undefined || value === null ? "–" : value.toFixed(2));

@@ -4,7 +4,7 @@ import { useLayoutEffect, useState } from "./vendor/preact.js";
 import { connect } from "./stream.js";
 
 // `connection` is "open", or says why there is none. `status`, `calibration` and `recording` are the newest events.
-// `couldOperate` tells whether this page has ever been an operator's, and `stopTrouble` why its last STOP has failed.
+// `couldOperate` says whether this page has ever been an operator's, and `stopTrouble` why its last STOP has failed.
 export const store = {
   connection: "open",
   session: undefined,
@@ -45,7 +45,7 @@ export const mayOperate = () => store.session?.role === "operate";
 // Whether there is a service. Otherwise the console shows packets that arrive by UDP or a serial line.
 export const hasService = () => !store.hello?.hint;
 
-// Says why STOP does not work on a page that is an operator's, or was. Nothing if it works.
+// Returns why STOP does not work on a page that is or was an operator's, or undefined if it works.
 export function whyNoStop() {
   const { connection, session, status, couldOperate } = store;
   if (!couldOperate || !hasService()) return undefined;

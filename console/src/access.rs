@@ -38,7 +38,7 @@ const SESSION: Duration = Duration::from_hours(12);
 const COOKIE_LIFE: Duration = Duration::from_hours(400 * 24);
 /// The most sessions of one role at a time, so that those who may only look end no session of an operator.
 const MOST_SESSIONS: usize = 32;
-/// Wrong tries from one browser or address, and from one network of IPv6, that nobody minds, within this time.
+/// How many wrong tries within [`TRY_WINDOW`] make nobody wait: from one browser or address, and from one network of IPv6.
 const FREE_TRIES: u32 = 5;
 const FREE_TRIES_OF_NETWORK: u32 = 50;
 const TRY_WINDOW: Duration = Duration::from_mins(1);
@@ -68,7 +68,7 @@ pub enum Role {
     Operate,
 }
 
-/// Who sends a request. What the caller may do is asked of [`Access`] again and again, because sessions end.
+/// Who sends a request. Ask [`Access`] each time what the caller may do, because sessions end.
 #[derive(Debug, Clone)]
 pub struct Caller {
     pub address: IpAddr,
@@ -82,13 +82,13 @@ pub struct Caller {
 }
 
 impl Caller {
-    /// Returns who sends a request with these headers by this way.
+    /// Returns who sends a request with these headers on this route.
     pub fn new(headers: &HeaderMap, Route { client, is_local, is_encrypted }: Route) -> Self {
         let [session, browser] = [SESSION_COOKIE, BROWSER_COOKIE].map(|name| cookie(headers, name).map(str::to_owned));
         Self { address: client, is_local, is_encrypted, cookie: session, browser }
     }
 
-    /// Whether both are the same operator. Whoever sends no cookie is nobody in particular.
+    /// Whether both are the same operator. A caller without a cookie is the same as nobody.
     pub fn is(&self, other: &Self) -> bool {
         self.cookie.is_some() && self.cookie == other.cookie
     }
@@ -154,7 +154,7 @@ struct State {
 }
 
 impl State {
-    /// Returns the session of this name, which is used thereby.
+    /// Returns the session of this name, and records that it is used now.
     fn session(&mut self, id: &str) -> Option<&Session> {
         let now = Instant::now();
         self.sessions.retain(|session| session.used + SESSION > now);
@@ -229,7 +229,7 @@ impl Access {
         self.state().kept.password.is_none()
     }
 
-    /// Returns what the caller may do now. To ask is to use the session.
+    /// Returns what the caller may do now. This counts as a use of the session.
     pub fn role(&self, caller: &Caller) -> Option<Role> {
         let own = caller.is_local.then_some(Role::Operate);
         let mut state = self.state();

@@ -325,7 +325,7 @@ impl Call<'_> {
         Ok(ok(&json!({"done": done})))
     }
 
-    /// Tells the role, and gives a browser on this machine its name, so that several through one tunnel are told apart.
+    /// Returns the role, and gives a browser on this machine a cookie, so that several through one tunnel are distinguished.
     fn session(&self) -> Answer {
         let Self { console, caller, .. } = *self;
         let session = ok(&json!({
@@ -480,7 +480,7 @@ fn may_change(console: &Console, caller: &Caller, path: &str) -> Result<(), Refu
     if !is_open {
         console.access.must(caller, Role::Operate)?;
     }
-    // Whoever has no session yet may only begin one, and is not told who drives.
+    // Whoever has no session yet may only begin one, and does not learn who drives.
     if console.access.role(caller).is_some() && !OPEN_WHILE_ANOTHER_DRIVES.contains(&path) {
         console.servos.must_be_free_for(caller)?;
     }
@@ -503,7 +503,7 @@ async fn keep(console: &Console, caller: &Caller, path: &str, text: String, base
     }
     if let Some(key) = settings::changed_code(&former, &text) {
         let sentence = format!(
-            "{key} says which library the service runs, so that the console does not change it: edit {} on the board.\n",
+            "{key} says which library the service loads, so the console does not change it: edit {} on the board.\n",
             console.settings.path.display()
         );
         return Err(Refusal::new(StatusCode::FORBIDDEN, sentence));
@@ -515,7 +515,7 @@ async fn keep(console: &Console, caller: &Caller, path: &str, text: String, base
             Ok(_) => ". A servo is new: all servos are released until you let them move again",
             // A service that is away moves nothing.
             Err(ControlError::Away) => ". A servo is new: it moves as soon as the service starts",
-            // A board that was not reached obeys as soon as it is.
+            // A board that was not reached obeys as soon as it is reached.
             Err(ControlError::Refused(_)) if console.is_released().await => {
                 ". A servo is new: all servos that are reached are released until you let them move again"
             }

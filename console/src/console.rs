@@ -40,7 +40,7 @@ const RETRY: Duration = Duration::from_millis(500);
 /// service's attention away from a release.
 const MOST_ANSWERS: usize = 4;
 
-/// Turns in which what was asked for is answered. Those who may only look hold up no operator.
+/// Limits how many requests of each role are answered at a time. Those who may only look delay no operator.
 #[derive(Debug)]
 pub struct Turns {
     look: Semaphore,
@@ -134,13 +134,13 @@ impl Console {
         Arc::clone(&self.names.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Has the service read the settings.
     /// Whether the service keeps all servos released.
     pub async fn is_released(&self) -> bool {
         let status = self.control.status().await.unwrap_or_default();
         status.get("released").and_then(serde_json::Value::as_bool) == Some(true)
     }
 
+    /// Has the service read the settings.
     pub async fn reload(&self) -> Result<String, ControlError> {
         let reloaded = self.control.tell(&Request::Reload {}).await;
         let is_refused = match &reloaded {

@@ -24,7 +24,8 @@ use tokio::{
 
 /// Time in which the service must take a request, and answer it.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Time in which it must answer a release, after which nobody knows what the servos do. It waits a quarter of a second for boards.
+/// Time in which it must answer a release, for which it waits up to a quarter of a second for boards. Without an answer, nobody
+/// knows what the servos do.
 const RELEASE_PATIENCE: Duration = Duration::from_millis(500);
 /// A status with the metrics of all stages has some 40 kB.
 const MOST_LINE_BYTES: u64 = 512 * 1024;

@@ -211,8 +211,8 @@ fn fault(line: &str) -> Fault {
     Fault { line, key: is_key.then(|| word.to_owned()), text: text.to_owned() }
 }
 
-/// Whether a text has more levels than settings can have. Whoever goes through so many of them needs too much of the stack.
-/// Each dot and each bracket counts as a level, so that a text is refused without being understood.
+/// Whether a text has more levels than settings can have. Code that recurses through so many of them could overflow the stack.
+/// Each dot and each bracket counts as a level, so that a text is refused before it is parsed.
 fn is_too_deep(text: &str) -> bool {
     // The dots since the last comma, in each bracket that is open and outside of all.
     let mut open = vec![0];
@@ -249,7 +249,7 @@ pub fn values(text: &str) -> Value {
     values.unwrap_or_else(|| Value::Object(Map::new()))
 }
 
-/// The names of this machine that settings have, in lower case.
+/// The names of this machine in the settings (`console.names`), in lower case.
 pub fn names(text: &str) -> Arc<[String]> {
     let values = values(text);
     let names = values.pointer("/console/names").and_then(Value::as_str).unwrap_or_default();

@@ -3,8 +3,8 @@
 //! Contract: at most [`MOST_CONNECTIONS`] connections and [`MOST_STREAMS`] streams, each with bounded buffers. A client
 //! that sends no request, or does not read, loses its connection. Where there are too many, one makes room ([`Places`]).
 //!
-//! A thread of its own serves the connections, and does nothing else than to let go of the servos and to begin sessions. All
-//! that takes longer is done by the runtime in which the [`Site`] was made, so that a release waits for no other request.
+//! A thread of its own serves the connections, releases servos and begins sessions, and does nothing else. The runtime in which
+//! the [`Site`] was made does all that takes longer (its workshop), so that a release waits for no other request.
 
 mod events;
 mod guard;
@@ -83,7 +83,7 @@ pub struct Site {
     guard: Guard,
     events: Events,
     console: Option<Arc<Console>>,
-    /// Where work is done that would hold up the connections.
+    /// The runtime that does what would delay the connections.
     workshop: Handle,
 }
 

@@ -634,7 +634,7 @@ fn no_request_changes_which_library_the_service_loads() {
     for networks in ["engine = \"onnxruntime\"", "folder = \"/tmp/networks\""] {
         let text = format!("{SETTINGS}\n[networks]\n{networks}\n");
         let kept = console.post("settings/keep", &json!({"text": text, "base": hash_of(&console)}));
-        assert!(kept.status == 403 && kept.text().contains("which library the service runs"), "{kept:?}");
+        assert!(kept.status == 403 && kept.text().contains("which library the service loads"), "{kept:?}");
         assert_eq!(console.settings(), SETTINGS);
     }
     let text = format!("{SETTINGS}\n[networks]\nthreads = 2\n");

@@ -48,9 +48,10 @@ pub enum Request {
     /// Read the settings again, as SIGHUP does. The answer comes when the new settings are in force, and says what has
     /// changed, or names every fault in a line of its own.
     Reload {},
-    /// Give servos no pulses, on all links, until a client asks to give them some again. This ends a drive. One that begins
-    /// later gives pulses to the servo that it jogs, and to no other. The answer comes when every servo board has acknowledged that, and is [`Reply::Refused`] after a quarter of a second if some have
-    /// not: it names them, and what to do. They obey as soon as they are reached.
+    /// Give servos no pulses, on all links, until a client asks to give them some again. This ends a drive. A drive that
+    /// begins later gives pulses to the servo that it jogs, and to no other. The answer comes when every servo board has
+    /// acknowledged the release. If some have not after a quarter of a second, it is [`Reply::Refused`], and says which ones
+    /// and what to do. They obey as soon as they are reached.
     Release {
         /// Whether servos get no pulses.
         on: bool,
@@ -179,7 +180,7 @@ pub struct Status {
     pub settings_refused: Option<String>,
     /// Whether an operator keeps all servos without pulses.
     pub released: bool,
-    /// Since when, seconds since 1970.
+    /// When an operator released them, seconds since 1970. `None` if they are not released.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_unix_s: Option<u64>,
     /// Whether an operator drives.
@@ -231,16 +232,16 @@ pub struct ChannelStatus {
     /// What people call the servo, if the settings name it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Where a bus servo says that it is, as a position: below 0 or above 1 beyond its ends. None if it does not answer.
+    /// The position that a bus servo reports: below 0 or above 1 beyond its ends. `None` if it does not answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured: Option<f32>,
-    /// Supply voltage of a bus servo.
+    /// Supply voltage of a bus servo, volts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub volts: Option<f32>,
-    /// Temperature of a bus servo.
+    /// Temperature of a bus servo, degrees Celsius.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub celsius: Option<f32>,
-    /// Load of a bus servo from 0 to 1, if its family tells it.
+    /// Load of a bus servo from 0 to 1, if its family reports it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub load: Option<f32>,
 }

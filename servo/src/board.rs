@@ -29,7 +29,7 @@ pub struct Dials {
     pub operator: Arc<Operator>,
     /// Whether the channels stay where they are while an operator drives, but for one that is jogged.
     is_still: AtomicBool,
-    /// Whether the board has taken the operator's release, as far as such a board can tell.
+    /// Whether the board has acknowledged the operator's release, as far as such a board can.
     has_released: AtomicBool,
 }
 
@@ -43,13 +43,14 @@ impl Dials {
         Self { channels, operator: Arc::clone(operator), ..Self::default() }
     }
 
+    /// Whether the board has acknowledged the operator's release.
     #[must_use]
     pub fn has_released(&self) -> bool {
         self.has_released.load(Relaxed)
     }
 
-    /// Notes whether the board has taken the operator's release. What it does is known only while its device is open and takes
-    /// messages.
+    /// Records whether the board has acknowledged the operator's release. What it does is known only while its device is open
+    /// and takes messages.
     pub fn note_released(&self, has_released: bool) {
         self.has_released.store(has_released, Relaxed);
     }
@@ -72,7 +73,7 @@ impl Dials {
         self.channels.iter().any(|dial| dial.number == channel)
     }
 
-    /// Lets the channels begin where those of another board are, which this one replaces, and stay there if they are to.
+    /// Lets the channels begin where those of the board are that this one replaces, and keeps them still if those are.
     pub fn begin_at(&self, other: &Self) {
         for dial in &self.channels {
             let same = other.channels.iter().find(|same| same.number == dial.number);
@@ -104,7 +105,7 @@ pub struct Dial {
     pub target: Number,
     pub position: Number,
     pub place: Number,
-    /// The position where a bus servo was when it was read last.
+    /// The position that a bus servo reported last.
     pub measured: Number,
     /// What a bus servo tells of itself, in the order of [`HEALTH`](crate::bus::HEALTH).
     pub health: [Number; 4],

@@ -302,7 +302,7 @@ impl Line {
         }
     }
 
-    /// Shows the metrics and the control socket what servos tell of themselves.
+    /// Gives the metrics and the control socket what servos report of themselves.
     fn show_health(&self) {
         let servos = self.servos.iter().zip(&self.board.channels);
         for (dial, (servo, channel)) in self.board.dials.channels.iter().zip(servos) {
@@ -365,7 +365,7 @@ impl Line {
 }
 
 impl Drop for Line {
-    /// Shows no longer what servos told of themselves, because nobody reads them any more.
+    /// Clears what servos reported of themselves, because nobody reads them any more.
     fn drop(&mut self) {
         for dial in &self.board.dials.channels {
             dial.health.iter().chain([&dial.measured]).for_each(|shown| shown.set(None));

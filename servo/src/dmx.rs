@@ -30,7 +30,7 @@ pub enum Encoding {
     Microseconds,
 }
 
-/// What a node gets while an operator has stopped the servos. It has no way to take the power from them for all nodes alike.
+/// What a node gets while an operator has stopped the servos. No value takes the power from them at every node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AtStop {
     /// The last values, so that nothing moves, whatever the node takes 0 for.
@@ -41,7 +41,7 @@ pub enum AtStop {
     End,
 }
 
-/// How often the end of a stream is said, because datagrams get lost.
+/// How often the end of a stream is sent, because datagrams get lost.
 const ENDS: u8 = 3;
 
 impl Encoding {
@@ -90,7 +90,7 @@ pub struct Values {
     at_stop: AtStop,
     /// Whether the universe has values of a face, which can be held.
     is_known: bool,
-    /// How often the end of the stream was said since the operator stopped the servos.
+    /// How often the end of the stream was sent since the operator stopped the servos.
     ends: u8,
 }
 

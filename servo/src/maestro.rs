@@ -34,10 +34,10 @@ pub const ACCELERATION_UNIT_US_PER_S2: f32 = 312.5;
 const LINE_SHARE: f64 = 0.9;
 const BITS_PER_BYTE: f64 = 10.0;
 
-/// What to say of bytes that are no answer.
-pub const NONSENSE: &str = "what comes back from there is no answer of a Maestro: check that the port is the Maestro's, its wires, \
-    and its baud rate";
-/// What to say if no answer comes.
+/// The trouble if bytes come back that are no answer.
+pub const NONSENSE: &str = "what comes back is no answer of a Maestro: check that the port is the Maestro's, and check the wires and the \
+    baud rate";
+/// The trouble if no answer comes.
 pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \"USB Dual Port\" in the Maestro Control Center, \
     give its command port, whose stable path ends with -if00, and check that link.crc equals \"Enable CRC\"; set \
     link.read_errors = false if no wire leads back from it";
@@ -256,7 +256,7 @@ fn units(limit: f32, most: f32) -> u16 {
     if limit.is_infinite() { 0 } else { limit.floor().clamp(1.0, most) as u16 }
 }
 
-/// The errors that an answer tells, or what to say of one that no Maestro gives.
+/// The errors that an answer reports, or [`NONSENSE`] if no Maestro gives such an answer.
 pub fn errors(answer: [u8; ANSWER_BYTES]) -> Result<impl Iterator<Item = &'static str>, &'static str> {
     let register = u16::from_le_bytes(answer);
     if register >> ERRORS.len() != 0 {

@@ -330,6 +330,7 @@ impl LinkKind {
         channels_of!(self)
     }
 
+    /// The channels of a link that moves servos. `None` for any other kind.
     pub fn channels(&self) -> Option<&Vec<ChannelSettings>> {
         channels_of!(self)
     }

@@ -11,7 +11,7 @@ use crate::config::LinkSettings;
 
 /// How long the boards have to acknowledge the release. Reading 30 bus servos takes a quarter of a second.
 const PATIENCE: Duration = Duration::from_millis(1500);
-/// How long an acknowledged board has to close its device.
+/// How long the links have to close their devices.
 const CLOSING: Duration = Duration::from_millis(1500);
 const PERIOD: Duration = Duration::from_millis(3);
 const RATES: Rates = Rates { send_hz: 40, slew_per_s: 1.0 };

@@ -335,7 +335,7 @@ impl Port {
         }
     }
 
-    /// Tells the trouble of a Maestro, which may have missed its limits, or have restarted.
+    /// Reports the trouble of a Maestro, which may have missed its limits, or have restarted.
     fn warn(&mut self, trouble: &str, panel: &Panel) {
         self.doubt();
         panel.note(Some(trouble));

@@ -45,6 +45,7 @@ impl Kept {
         is_of_this_boot.then(|| fs::metadata(&path).and_then(|file| file.modified()).unwrap_or(UNIX_EPOCH))
     }
 
+    /// Keeps whether an operator has released all servos, until the next start of the machine.
     pub fn keep_released(&self, is_released: bool) -> io::Result<()> {
         if is_released {
             return self.replace(&self.released(), &fs::read(BOOT_ID)?);
@@ -66,7 +67,7 @@ impl Kept {
         let kept = fs::read_to_string(config).and_then(|text| self.keep_settings(&text));
         if let Err(error) = kept {
             tracing::warn!(
-                "the settings are not kept ({error}): if they have faults later, `facewire rest` cannot release servos by them"
+                "the settings are not kept ({error}): if later ones have faults, `facewire rest` cannot use these to release servos"
             );
         }
     }

@@ -20,8 +20,8 @@ use super::{Refusal, token::Token};
 const METHOD: Refusal = Refusal::fixed(StatusCode::METHOD_NOT_ALLOWED, "Nothing here is changed this way: use GET.\n");
 const OTHER_HOST: Refusal = Refusal::fixed(
     StatusCode::MISDIRECTED_REQUEST,
-    "This machine has another name. Open the address that facewire-console printed, and if it operates a service, add this name to \
-     names in the section [console] of the settings.\n",
+    "This machine is not known by this name. Open the address that facewire-console printed. If it operates a service, you can \
+     then add this name to names in the section [console] of the settings.\n",
 );
 const OTHER_PAGE: Refusal =
     Refusal::fixed(StatusCode::FORBIDDEN, "Only the page of facewire-console itself may read this.\n");
@@ -33,14 +33,14 @@ const NO_TOKEN: Refusal = Refusal::fixed(
 const FORWARDED_FOR: &str = "x-forwarded-for";
 const FORWARDED_PROTO: &str = "x-forwarded-proto";
 
-/// The way that a request has taken.
+/// How a request has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Route {
-    /// Who has sent it. Of a proxy on this machine, this is whoever it names.
+    /// Who has sent it. If a proxy on this machine passed it on, this is the client that the proxy names.
     pub client: IpAddr,
-    /// Whether the client is on this machine, and nothing tells of a proxy.
+    /// Whether the client is on this machine, and no sign of a proxy shows.
     pub is_local: bool,
-    /// Whether a proxy tells that the client has encrypted it.
+    /// Whether a proxy says that the request came to it encrypted.
     pub is_encrypted: bool,
 }
 
@@ -50,7 +50,7 @@ impl Route {
         let proxies =
             [FORWARDED.as_str(), VIA.as_str(), FORWARDED_FOR, FORWARDED_PROTO, "x-forwarded-host", "x-real-ip"];
         let is_forwarded = proxies.iter().any(|name| headers.contains_key(*name));
-        // A proxy that says nothing of itself may keep the name, or speak the old version, as nginx does unless it is told.
+        // A proxy that adds no header may keep the name, or speak HTTP/1.0, as nginx does by default.
         let host = text(headers, HOST.as_str()).and_then(|host| host.parse::<Authority>().ok());
         let is_direct = request.version() == Version::HTTP_11 && host.is_some_and(|host| is_loopback(host.host()));
         // The last proxy, which is ours, adds the address that it sees at the end.

@@ -43,7 +43,7 @@ impl Places {
     }
 
     /// Takes a place. If `most` are taken, a connection of the least standing loses its own: the oldest one from the network that
-    /// has most, so that a flood from one cuts off itself.
+    /// has most connections, so that a flood from one network cuts off itself.
     pub fn enter(&self, most: usize, client: IpAddr) -> Place {
         let mut open = self.open();
         if open.len() >= most
@@ -74,7 +74,7 @@ impl Connection {
 }
 
 impl Place {
-    /// Notes the standing that a request gives the connection.
+    /// Records the standing that a request gives the connection.
     pub fn set(&self, standing: Standing) {
         *self.0.standing.lock().unwrap_or_else(PoisonError::into_inner) = standing;
     }

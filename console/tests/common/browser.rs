@@ -553,8 +553,8 @@ impl Browser {
         Screenshot { width: info.width as usize, pixels: pixels.to_vec() }
     }
 
-    /// The errors of the page: exceptions, and what went to its console as an error. A busy machine may delay a page's heartbeat so long that the console ends its drive and
-    /// refuses the next line, of which the page tells the user; that is no error.
+    /// The errors of the page: exceptions, and what went to its console as an error. A busy machine may delay a page's heartbeat
+    /// so long that the console ends its drive and refuses the next line. The page reports that to the user; it is no error.
     pub fn errors(&self) -> Vec<Value> {
         let mut errors = self.events("Runtime.exceptionThrown");
         errors.extend(self.events("Runtime.consoleAPICalled").into_iter().filter(|call| call["type"] == "error"));

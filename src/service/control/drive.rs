@@ -31,7 +31,8 @@ pub(super) fn end(peers: &Peers) {
     tracing::info!("driving has ended");
 }
 
-/// Does what the driver's lines say, while servo boards that it does not move stay still unless `others_follow`. Returns why it may not drive any more if one is bad or none comes.
+/// Does what the driver's lines say, while servo boards that it does not move stay still unless `others_follow`. Returns why it
+/// may not drive any more if a line is bad or none comes.
 pub(super) fn step(driver: &mut Client, others_follow: bool, peers: &mut Peers) -> io::Result<Option<String>> {
     let has_ended = driver.receive(MAX_DRIVE_LINE)?;
     while let Some(line) = driver.request(MAX_DRIVE_LINE) {

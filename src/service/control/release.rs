@@ -102,7 +102,7 @@ fn outcome(
     match is_kept {
         Some(Ok(Ok(()))) => {}
         Some(Ok(Err(trouble)) | Err(trouble)) => done.push(trouble.clone()),
-        None => done.push("The disk has not yet kept that for a restart of the service".to_owned()),
+        None => done.push("The disk has not yet kept this for the next start of the service".to_owned()),
     }
     Reply::Done(done.join(". "))
 }

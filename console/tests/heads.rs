@@ -429,7 +429,7 @@ fn boards_are_added_removed_moved_and_stopped_by_thumb_and_by_mouse_and_stop_is_
         head.browser.wait_until(&format!("{is_seen}({alert}.getBoundingClientRect(), {alert})"));
         head.browser.screenshot(&format!("signed out on a {device}"));
         head.enter("Log in");
-        assert_eq!(head.browser.value("document.body.innerText.includes('STOP does not work')"), false);
+        head.browser.wait_until("!document.body.innerText.includes('STOP does not work')");
         head.let_move();
         eventually("pulses", || maestro.pulse_us(0).is_some());
         if size == PHONE {
@@ -489,8 +489,8 @@ fn stop_on_the_page_says_no_pulses_only_of_boards_that_answer_and_what_the_disk_
         let [of_good, of_other] = devices.each_ref().map(|device| format!("maestro {device}: no pulses"));
         let missed = format!("maestro {}: not reached: switch its supply off", devices[1]);
         let not_kept = "After a restart the service will not know whether servos are released";
-        // A busy machine may delay one answer or another, but not all.
-        eventually(&format!("{trouble:?}: an answer within 300 ms"), || {
+        // A busy machine may delay one answer of the console or of a board or another, but not all.
+        eventually(&format!("{trouble:?}: a right answer within 300 ms"), || {
             if head.browser.value("document.querySelector('.released') !== null") == true {
                 head.let_move();
                 eventually("pulses again", || good.pulse_us(0).is_some());
@@ -510,12 +510,12 @@ fn stop_on_the_page_says_no_pulses_only_of_boards_that_answer_and_what_the_disk_
                 head.browser.wait_for_text("Some servos were not released");
             }
             let page = head.browser.value("document.body.innerText").to_string();
-            let told = [&of_other, not_kept, "servos were not released"].map(|text| page.contains(text));
-            assert_eq!(told, [!is_named, trouble == Trouble::NoRoomOnDisk, is_named], "{trouble:?}: {page}");
+            assert!(!is_named || !page.contains(&of_other), "{trouble:?}: {page}");
+            let told = [not_kept, "servos were not released"].map(|text| page.contains(text));
             let alert = head.browser.value("document.getElementById('stop-alerts').innerText").to_string();
             let named = devices.each_ref().map(|device| alert.contains(&format!("maestro {device} (")));
-            assert_eq!(named, [false, is_named], "{trouble:?}: {alert}");
-            is_in_time
+            let is_right = told == [trouble == Trouble::NoRoomOnDisk, is_named] && named == [false, is_named];
+            is_right && is_in_time
         });
         head.look(&format!("STOP, {trouble:?}"));
     }

@@ -36,6 +36,11 @@ impl Kept {
         Self { folder, name: config.map_or(DEFAULT_NAME.to_owned(), name) }
     }
 
+    /// Where it is kept.
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     /// When an operator has released all servos, if that was since the machine was started and nobody has undone it.
     #[must_use]
     pub fn released_since(&self) -> Option<SystemTime> {

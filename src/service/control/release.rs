@@ -27,7 +27,9 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     let counters = Arc::clone(&peers.counters);
     let keeping = peers.keeper.begin(move || {
         let kept = kept.keep_released(on).map_err(|error| {
-            let trouble = format!("After a restart the service will not know whether servos are released: {error}");
+            let folder = kept.folder().display();
+            let trouble =
+                format!("After a restart the service will not know whether servos are released: {folder}: {error}");
             tracing::warn!("{trouble}");
             trouble
         });

@@ -57,14 +57,15 @@ const SESSION_PERIOD_MS = 5000;
 
 // Stops all servos. The button shows that they are stopped as soon as the service says so.
 function Stop() {
-  // The first try fails if the console has closed the idle connection meanwhile.
+  const fail = ({ message }) => update({ stopTrouble: message });
+  // The first try fails if the console has closed the idle connection meanwhile. What it answers is told at once.
   const stop = () =>
     release(true)
-      .catch(() => release(true))
-      .then(
-        () => update({ stopTrouble: undefined }),
-        (error) => update({ stopTrouble: error.message }),
-      );
+      .catch((error) => {
+        if (error.status) fail(error);
+        return release(true);
+      })
+      .then(() => update({ stopTrouble: undefined }), fail);
   useEffect(() => {
     const key = (event) => {
       if (!mayOperate() || event.repeat || !isStop(event)) return;
@@ -83,10 +84,14 @@ function Stop() {
 function StopAlerts() {
   const { stopTrouble, session } = store;
   const why = whyNoStop();
-  return html`<div id="stop-alerts">
+  const trouble = stopTrouble?.replace(/\.$/, "");
+  // The service names the boards that it has not reached, and says what to do with them.
+  const which = trouble?.startsWith("not reached") ? "Some" : "The";
+  const advice = trouble?.includes("supply of") ? "" : " Switch their supply off.";
+  return html`<div id="stop-alerts" tabindex="0">
     ${why && html`<p role="alert">STOP does not work here: ${why.replace(/\.$/, "")}. To stop servos, ${session.role ? "" : "log in, or "}switch
       their supply off.</p>`}
-    ${stopTrouble && html`<p role="alert">The servos were not released: ${stopTrouble} Switch their supply off.</p>`}
+    ${trouble && html`<p role="alert">${which} servos were not released: ${trouble}.${advice}</p>`}
   </div>`;
 }
 
@@ -98,7 +103,7 @@ function isStop({ key, target }) {
 }
 
 // What the operator's stop has done to each board.
-function released({ links, driven, released_unix_s: since }) {
+function released({ links, driven, released_unix_s: since, release_not_kept: notKept }) {
   const at = since ? ` since ${new Date(1000 * since).toLocaleTimeString()}` : "";
   const boards = (links ?? []).filter((link) => link.released !== undefined);
   const isJogged = ({ channels }) => driven && channels.some(({ pulse_us }) => pulse_us !== null);
@@ -106,7 +111,9 @@ function released({ links, driven, released_unix_s: since }) {
     if (board.released) return board.stop;
     return html`<strong>${isJogged(board) ? "a servo is moved by hand" : "not reached: switch its supply off"}</strong>`;
   };
-  return html`All servos are released${at}. ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}`;
+  const isWhole = boards.every((board) => board.released || isJogged(board));
+  return html`${isWhole ? `All servos are released${at}.` : `Not all servos are released: STOP holds${at}.`} ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}
+    ${notKept && html`<br /><strong>${notKept}. Switch the supply off before a restart.</strong>`}`;
 }
 
 function Banners({ page }) {

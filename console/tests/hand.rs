@@ -1,11 +1,23 @@
-//! Rules for the tests of pages, in which scripts only look and all actions go through keys, mouse and touch, and for the
-//! controls of pages.
+//! Rules for the tests of pages, in which scripts only look and all actions go through keys, mouse and touch, for the hand that
+//! does them, and for the controls of pages.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
+
+use common::{browser::Browser, skip};
+
+/// A button that trades places with another one once the hand has seen where it is.
+const UNSTEADY: &str = "data:text/html,<meta name=viewport content=width=device-width><body style='display:flex'>\
+    <button>First</button><button>Second</button><script>\
+    window.got = []; addEventListener('click', ({ target }) => target.matches('button') && got.push(target.innerText));\
+    Object.defineProperty(window, 'hand', { get() { return this.own; }, \
+    set(hand) { this.own = hand; document.body.style.flexDirection = 'row-reverse'; \
+    document.body.style.justifyContent = 'flex-end'; } });</script>";
 
 /// What a script could do in place of keys, mouse and touch. The words are split, so that they are not found here.
 const DEEDS: [&str; 20] = [
@@ -67,4 +79,17 @@ fn no_control_of_a_page_waits_for_the_end_of_a_change_but_those_that_hold_what_i
     let broken = lines("page", |line| line.contains("onChange="));
     let broken: Vec<_> = broken.into_iter().filter(|place| !place.contains("page/hand.js:")).collect();
     assert!(broken.is_empty(), "every status writes over such a field, so use one of hand.js:\n{}", broken.join("\n"));
+}
+
+#[test]
+fn a_hand_clicks_nothing_else_where_its_control_has_been() {
+    if !Browser::is_installed() {
+        return skip("there is no chromium; scripts/setup tests installs it");
+    }
+    for width in [360, 1280] {
+        let mut browser = Browser::start(width, 740);
+        browser.open(UNSTEADY);
+        browser.click("First");
+        assert_eq!(browser.value("got.join()"), "First", "at a width of {width}");
+    }
 }

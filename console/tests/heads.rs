@@ -1,4 +1,4 @@
-//! Heads are set up by clicks, with the real service: bus servos, which are simulated, and a universe of DMX.
+//! Heads are set up, moved and stopped by hand, with the real service and simulated boards: bus servos, Maestros and universes of DMX.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 #[path = "../../servo/program/bus.rs"]
@@ -7,19 +7,23 @@ mod common;
 
 use std::{
     env, fs,
-    net::UdpSocket,
+    net::{IpAddr, UdpSocket},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use bus::Bus;
 use common::{
     PATIENCE, Viewer,
     browser::{Browser, control, element, labelled, or_arm},
-    command, eventually, skip,
+    command, eventually,
+    maestro::{Maestro, Model},
+    service::elsewhere,
+    skip,
 };
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -35,7 +39,7 @@ struct Head {
     size: (u32, u32),
     program: PathBuf,
     folder: TempDir,
-    _console: Viewer,
+    console: Viewer,
 }
 
 /// The program of the service. Cargo puts it into the folder above that of this test, but does not build it for this test. It
@@ -113,13 +117,25 @@ impl Head {
         service.env("FACEWIRE_SYSROOT", "/nonexistent").stdin(Stdio::null()).stdout(Stdio::null());
         let service = service.stderr(fs::File::create(path("log")).unwrap()).spawn().unwrap();
         let (control, state) = (path("control"), path("state"));
-        let arguments = ["--listen", "127.0.0.1:0", "--config", &config, "--control", &control, "--state", &state];
+        let arguments = ["--listen", "0.0.0.0:0", "--config", &config, "--control", &control, "--state", &state];
         let console = Viewer::spawn(command(&arguments).env("FACEWIRE_PROGRAM", &program));
-        let mut browser = Browser::start(size.0, size.1);
-        browser.open(&format!("http://{}/#links", console.host()));
-        browser.wait_until("document.getElementById('stop')?.disabled === false");
-        browser.wait_for_text("A new link");
-        Some(Self { service, browser, size, program, folder, _console: console })
+        let browser = Browser::start(size.0, size.1);
+        let mut head = Self { service, browser, size, program, folder, console };
+        head.open([127, 0, 0, 1].into());
+        head.may_operate();
+        head.browser.wait_for_text("A new link");
+        Some(head)
+    }
+
+    /// Opens the page of settings at this address of the console.
+    fn open(&mut self, address: IpAddr) {
+        let (_, port) = self.console.host().rsplit_once(':').unwrap();
+        self.browser.open(&format!("http://{address}:{port}/#links"));
+    }
+
+    /// Waits until STOP can be pressed.
+    fn may_operate(&mut self) {
+        self.browser.wait_until("document.getElementById('stop')?.disabled === false");
     }
 
     /// Clicks a button that changes the draft of the settings, and waits until the page shows the new draft.
@@ -169,6 +185,19 @@ impl Head {
         let button = format!("[aria-label='Add {source} to {}']", card.to_lowercase());
         self.browser.click_on(&element(&button));
         self.browser.settle();
+    }
+
+    /// Gives the password on the form for it.
+    fn enter(&mut self, button: &str) {
+        self.browser.fill(&element("input[type=password]"), "a good password");
+        self.browser.click(button);
+        self.may_operate();
+    }
+
+    /// Lets the servos move that an operator has released.
+    fn let_move(&mut self) {
+        self.browser.click("Let servos move again");
+        self.browser.wait_until("!document.querySelector('.released')");
     }
 
     /// Keeps the settings once they have no fault.
@@ -357,4 +386,137 @@ fn a_slider_moves_the_board_of_its_card_although_the_draft_has_removed_the_board
         !of_first.is_empty() && of_first.iter().all(|value| *value == 1),
         "the jaw of the other board: {of_first:?}"
     );
+}
+
+#[test]
+fn boards_are_added_removed_moved_and_stopped_by_thumb_and_by_mouse_and_stop_is_there_again_after_the_next_login() {
+    let Some(address) = elsewhere() else { return skip("this machine has no address besides loopback") };
+    for (size, device) in [(PHONE, "phone"), (DESK, "desk")] {
+        let maestro = Maestro::plugged_in(Model::MINI_24);
+        let node = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let Some(mut head) = Head::start(size) else { return };
+        head.open(address);
+        head.enter("Set the password");
+        head.add_link("artnet");
+        head.set("address", &node);
+        head.add_link_after(2, "maestro");
+        head.put(&element("[id='field-link.2.device']"), maestro.device.to_str().unwrap());
+        head.browser.screenshot(&format!("two boards on a {device}"));
+        head.browser.turn_to("servos");
+        let buttons = "document.querySelector(\".board[aria-label^='maestro']\")?.querySelectorAll('button')";
+        head.browser.click_on(&format!("[...{buttons} ?? []].at(-1)"));
+        head.follow("Channel 0", "jawOpen");
+        head.keep();
+        head.browser.wait_for_text("All servos are released");
+        head.browser.turn_to("links");
+        head.browser.click("Link 2: artnet");
+        head.click("Remove this link");
+        head.keep();
+        assert!(head.saved().contains("\"maestro\"") && !head.saved().contains("artnet"), "{}", head.saved());
+        head.let_move();
+        head.browser.turn_to("servos");
+        head.drive("channel 0", 1.0, "", "STOP", || maestro.pulse_us(0) == Some(1550.0));
+        eventually("the end of pulses", || maestro.pulse_us(0).is_none());
+        head.browser.wait_for_text(&format!("maestro {}: no pulses", maestro.device.display()));
+        head.browser.screenshot(&format!("stopped on a {device}"));
+        head.browser.turn_to("links");
+        head.browser.click("Log out");
+        let loud =
+            "STOP does not work here: this page is logged out. To stop servos, log in, or switch their supply off.";
+        head.browser.wait_for_text(loud);
+        let is_seen = "(({ x, y }, alert) => alert.contains(document.elementFromPoint(x + 5, y + 5)))";
+        let alert = element("#stop-alerts p");
+        head.browser.wait_until(&format!("{is_seen}({alert}.getBoundingClientRect(), {alert})"));
+        head.browser.screenshot(&format!("signed out on a {device}"));
+        head.enter("Log in");
+        head.browser.wait_until("!document.body.innerText.includes('STOP does not work')");
+        head.let_move();
+        eventually("pulses", || maestro.pulse_us(0).is_some());
+        if size == PHONE {
+            head.browser.click("STOP");
+        } else {
+            head.browser.press("Escape");
+        }
+        eventually("the end of pulses", || maestro.pulse_us(0).is_none());
+        head.browser.wait_for_text("All servos are released");
+        head.browser.screenshot(&format!("stopped again on a {device}"));
+        assert_eq!(head.browser.events("Runtime.exceptionThrown"), Vec::<Value>::new());
+    }
+}
+
+/// What goes on while an operator presses STOP on the page.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Trouble {
+    BoardHangs,
+    PortPulled,
+    BrokenSettings,
+    NoRoomOnDisk,
+}
+
+#[test]
+fn stop_on_the_page_says_no_pulses_only_of_boards_that_answer_and_what_the_disk_does_not_keep_whatever_goes_wrong() {
+    for trouble in [Trouble::BoardHangs, Trouble::PortPulled, Trouble::BrokenSettings, Trouble::NoRoomOnDisk] {
+        let takes_commands = trouble != Trouble::BoardHangs;
+        let good = Maestro::plugged_in(Model::MINI_24);
+        let mut other = Some(Maestro::plugged_in(Model { takes_commands, ..Model::MINI_24 }));
+        let devices = [&good.device, &other.as_ref().unwrap().device].map(|device| device.display().to_string());
+        let link = |device: &String| {
+            format!(
+                "\n[[link]]\nkind = \"maestro\"\ndevice = \"{device}\"\n[[link.channel]]\nsources = {{ jawOpen = 1 }}\n"
+            )
+        };
+        let Some(mut head) = Head::with(PHONE, &[SETTINGS, &devices.each_ref().map(link).concat()].concat()) else {
+            return;
+        };
+        eventually("pulses", || good.pulse_us(0).is_some());
+        head.browser.turn_to("health");
+        match trouble {
+            Trouble::BoardHangs => {}
+            Trouble::PortPulled => drop(other.take()),
+            Trouble::BrokenSettings => {
+                fs::write(head.folder.path().join("facewire.toml"), "[link").unwrap();
+                kill_process(Pid::from_child(&head.service), Signal::HUP).unwrap();
+                head.browser.wait_for_text("goes on with the former ones");
+            }
+            Trouble::NoRoomOnDisk => {
+                let kept = head.folder.path().join("kept");
+                eventually("the kept settings", || fs::read_dir(&kept).is_ok_and(|mut files| files.next().is_some()));
+                fs::remove_dir_all(&kept).unwrap();
+                fs::write(kept, "").unwrap();
+            }
+        }
+        let is_named = matches!(trouble, Trouble::BoardHangs | Trouble::PortPulled);
+        let [of_good, of_other] = devices.each_ref().map(|device| format!("maestro {device}: no pulses"));
+        let missed = format!("maestro {}: not reached: switch its supply off", devices[1]);
+        let not_kept = "After a restart the service will not know whether servos are released";
+        // A busy machine may delay one answer of the console or of a board or another, but not all.
+        eventually(&format!("{trouble:?}: a right answer within 300 ms"), || {
+            if head.browser.value("document.querySelector('.released') !== null") == true {
+                head.let_move();
+                eventually("pulses again", || good.pulse_us(0).is_some());
+            }
+            let answers = head.browser.answers("servos/release");
+            head.browser.click("STOP");
+            head.browser.await_answers("servos/release", answers + 1);
+            let is_in_time = head.browser.waited("servos/release").unwrap() < Duration::from_millis(300);
+            for text in [&of_good, if is_named { &missed } else { &of_other }] {
+                head.browser.wait_for_text(text);
+            }
+            assert_eq!(good.pulse_us(0), None, "{trouble:?}: the page says that there are no pulses");
+            if trouble == Trouble::NoRoomOnDisk {
+                head.browser.wait_for_text(not_kept);
+            }
+            if is_named {
+                head.browser.wait_for_text("Some servos were not released");
+            }
+            let page = head.browser.value("document.body.innerText").to_string();
+            assert!(!is_named || !page.contains(&of_other), "{trouble:?}: {page}");
+            let told = [not_kept, "servos were not released"].map(|text| page.contains(text));
+            let alert = head.browser.value("document.getElementById('stop-alerts').innerText").to_string();
+            let named = devices.each_ref().map(|device| alert.contains(&format!("maestro {device} (")));
+            let is_right = told == [trouble == Trouble::NoRoomOnDisk, is_named] && named == [false, is_named];
+            is_right && is_in_time
+        });
+        head.look(&format!("STOP, {trouble:?}"));
+    }
 }

@@ -183,6 +183,9 @@ pub struct Status {
     /// When an operator released them, seconds since 1970. `None` if they are not released.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_unix_s: Option<u64>,
+    /// Why the service will not know of that when it starts again, if the disk does not keep it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub release_not_kept: Option<String>,
     /// Whether an operator drives.
     pub driven: bool,
     /// Whether the settings allow [`Request::Picture`].

@@ -88,6 +88,8 @@ pub(super) struct Counters {
     panels: Mutex<Vec<Arc<Panel>>>,
     /// When an operator released all servos, or let them move again, seconds since 1970.
     pub(super) released_unix_s: AtomicU64,
+    /// Why the disk does not keep that for the next start.
+    pub(super) release_not_kept: Mutex<Option<String>>,
     /// Why the settings that were read last are not in use. The hot loop does not lock it either.
     pub(super) settings_refused: Mutex<Option<String>>,
 }

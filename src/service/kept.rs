@@ -21,7 +21,8 @@ const LONGEST_NAME_BYTES: usize = 200;
 
 #[derive(Debug, Clone)]
 pub struct Kept {
-    folder: PathBuf,
+    /// The folder, if it is not that of the state.
+    folder: Option<PathBuf>,
     name: String,
 }
 
@@ -29,11 +30,17 @@ impl Kept {
     /// What the service with this file of settings keeps.
     #[must_use]
     pub fn new(config: Option<&str>) -> Self {
-        Self::inside(Store::new("").folder().to_owned(), config)
+        Self { folder: None, name: config.map_or(DEFAULT_NAME.to_owned(), name) }
     }
 
+    #[cfg(test)]
     pub(super) fn inside(folder: PathBuf, config: Option<&str>) -> Self {
-        Self { folder, name: config.map_or(DEFAULT_NAME.to_owned(), name) }
+        Self { folder: Some(folder), ..Self::new(config) }
+    }
+
+    /// Where it is kept. This looks at the disk, which a service without servos never does.
+    pub(super) fn folder(&self) -> PathBuf {
+        self.folder.clone().unwrap_or_else(|| Store::new("").folder().to_owned())
     }
 
     /// When an operator has released all servos, if that was since the machine was started and nobody has undone it.
@@ -81,15 +88,15 @@ impl Kept {
     }
 
     fn released(&self) -> PathBuf {
-        self.folder.join(format!("released@{}", self.name))
+        self.folder().join(format!("released@{}", self.name))
     }
 
     fn good_settings(&self) -> PathBuf {
-        self.folder.join(format!("settings@{}", self.name))
+        self.folder().join(format!("settings@{}", self.name))
     }
 
     fn replace(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        DirBuilder::new().recursive(true).mode(0o700).create(&self.folder)?;
+        DirBuilder::new().recursive(true).mode(0o700).create(self.folder())?;
         replace_file(path, bytes)
     }
 }

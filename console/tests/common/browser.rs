@@ -66,10 +66,11 @@ const PLACE: &str = "new Promise((done) => {
     look();
 })";
 
-/// Records whether the next click reaches a control.
-const WATCH_CLICK: &str = "(() => {
-    window.hand ??= { note: addEventListener('click', ({ target }) => { hand.isHit = hand.control.contains(target); }, true) };
-    Object.assign(hand, { control: FIND, isHit: undefined });
+/// Records whether the hand comes down on a control, and whether its next click reaches it.
+const WATCH_HAND: &str = "(() => {
+    const watch = (kind) => addEventListener(kind, ({ target }) => { hand[kind] = hand.control.contains(target); }, true);
+    window.hand ??= (['pointerdown', 'click'].forEach(watch), {});
+    Object.assign(hand, { control: FIND, pointerdown: undefined, click: undefined });
 })()";
 
 /// Returns an expression for the first element that a selector matches.
@@ -186,6 +187,7 @@ impl Browser {
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": self.has_thumb});
         self.call("Emulation.setDeviceMetricsOverride", &metrics);
         self.call("Emulation.setTouchEmulationEnabled", &json!({"enabled": self.has_thumb}));
+        self.wait_for_picture();
     }
 
     /// The folder of downloads.
@@ -321,11 +323,32 @@ impl Browser {
         events.filter(|event| event["params"]["eventName"] == "status").count() + self.answers("status")
     }
 
+    /// How long the last request for this path that was answered has waited for its answer.
+    pub fn waited(&self, path: &str) -> Option<Duration> {
+        let path = format!("/api/1/{path}");
+        let mut asked = self.events("Network.requestWillBeSent");
+        asked.retain(|event| event["request"]["url"].as_str().unwrap().ends_with(&path));
+        let answers = self.events("Network.responseReceived");
+        asked.iter().rev().find_map(|request| {
+            let answer = answers.iter().find(|answer| answer["requestId"] == request["requestId"])?;
+            let [begun, ended] = [request, answer].map(|event| event["timestamp"].as_f64().unwrap());
+            Some(Duration::from_secs_f64(ended - begun))
+        })
+    }
+
     /// How many answers to requests for this path the page has got so far.
-    fn answers(&self, path: &str) -> usize {
+    pub fn answers(&self, path: &str) -> usize {
         let path = format!("/api/1/{path}");
         let events = self.events.iter().filter(|event| event["method"] == "Network.responseReceived");
         events.filter(|event| event["params"]["response"]["url"].as_str().unwrap().ends_with(&path)).count()
+    }
+
+    /// Waits until the page has got so many answers to requests for this path and is drawn with them.
+    pub fn await_answers(&mut self, path: &str, count: usize) {
+        while self.answers(path) < count {
+            self.take_message();
+        }
+        self.wait_for_picture();
     }
 
     /// Waits until the page has got so many statuses and is drawn with them.
@@ -361,15 +384,21 @@ impl Browser {
         panic!("{find} {place}: {}", self.value("document.body.innerText"))
     }
 
-    /// Puts the mouse button or the thumb down, moves it while it is down, or lifts it.
+    /// Puts the mouse button or the thumb down, moves it while it is down, lifts it, or lifts it elsewhere, which clicks nothing.
     fn touch(&mut self, what: Touch, [x, y]: [f64; 2]) {
+        if what == Touch::Away && !self.has_thumb {
+            self.touch(Touch::Move, [0.0, 0.0]);
+            return self.touch(Touch::Up, [0.0, 0.0]);
+        }
         let (thumb, mouse) = match what {
             Touch::Down => ("touchStart", "mousePressed"),
             Touch::Move => ("touchMove", "mouseMoved"),
             Touch::Up => ("touchEnd", "mouseReleased"),
+            Touch::Away => ("touchCancel", "mouseReleased"),
         };
         if self.has_thumb {
-            let points = if what == Touch::Up { json!([]) } else { json!([{"x": x, "y": y}]) };
+            let is_up = matches!(what, Touch::Up | Touch::Away);
+            let points = if is_up { json!([]) } else { json!([{"x": x, "y": y}]) };
             self.call("Input.dispatchTouchEvent", &json!({"type": thumb, "touchPoints": points}));
         } else {
             let buttons = u8::from(what != Touch::Up);
@@ -383,19 +412,23 @@ impl Browser {
         self.click_on(&control(text));
     }
 
-    /// Clicks what an expression finds, or taps it, once it is there, enabled, and not covered. Tries again if it has
-    /// moved away before the click.
+    /// Clicks what an expression finds, or taps it, once it is there, enabled, at rest, and not covered. If it has moved away before
+    /// the hand came down, the hand leaves what it came down on without a click, and tries again.
     pub fn click_on(&mut self, find: &str) {
         let end = Instant::now() + self.patience;
         loop {
             self.wait_until(&format!("{find} && !{find}.disabled"));
             let place = self.place(find);
-            self.value(&WATCH_CLICK.replace("FIND", find));
+            self.value(&WATCH_HAND.replace("FIND", find));
             self.touch(Touch::Down, place);
-            self.touch(Touch::Up, place);
-            self.wait_until("hand.isHit !== undefined || hand.control.disabled || !hand.control.isConnected");
-            if self.value("hand.isHit") == true {
-                return;
+            if self.value("hand.pointerdown") == false {
+                self.touch(Touch::Away, place);
+            } else {
+                self.touch(Touch::Up, place);
+                self.wait_until("hand.click !== undefined || hand.control.disabled || !hand.control.isConnected");
+                if self.value("hand.click") == true {
+                    return;
+                }
             }
             assert!(Instant::now() < end, "{find} moves away");
         }
@@ -486,10 +519,7 @@ impl Browser {
         while !self.is_armed() {
             let answers = self.answers("servos/arm");
             self.click("Arm");
-            while self.answers("servos/arm") == answers {
-                self.take_message();
-            }
-            self.wait_for_picture();
+            self.await_answers("servos/arm", answers + 1);
         }
     }
 
@@ -579,6 +609,7 @@ enum Touch {
     Down,
     Move,
     Up,
+    Away,
 }
 
 /// The number by which browsers tell keys apart that give no text.

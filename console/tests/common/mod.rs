@@ -6,6 +6,8 @@ pub mod board;
 pub mod browser;
 #[path = "../../../tests/common/eventually.rs"]
 mod eventually;
+#[path = "../../../tests/common/maestro.rs"]
+pub mod maestro;
 pub mod service;
 #[path = "../../../tests/common/skip.rs"]
 mod skip;

@@ -1,7 +1,7 @@
 //! Releases all servos, or has them follow the face again.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use facewire_packet::control::Reply;
@@ -24,12 +24,18 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     }
     operator.is_released.store(on, Relaxed);
     peers.sender.unpark();
+    let counters = Arc::clone(&peers.counters);
     let keeping = peers.keeper.begin(move || {
-        kept.keep_released(on).map_err(|error| {
-            let trouble = format!("After a restart the service will not know whether servos are released: {error}");
+        let kept = kept.keep_released(on).map_err(|error| {
+            let folder = kept.folder();
+            let folder = folder.display();
+            let trouble =
+                format!("After a restart the service will not know whether servos are released: {folder}: {error}");
             tracing::warn!("{trouble}");
             trouble
-        })
+        });
+        *counters.release_not_kept.lock().unwrap_or_else(PoisonError::into_inner) = kept.clone().err();
+        kept
     });
     if !on {
         let done = "servos follow the face again";
@@ -77,6 +83,11 @@ fn outcome(
             "the service is stuck. Switch the supply of the servos off, and restart the service".to_owned(),
         );
     }
+    let not_kept = match is_kept {
+        Some(Ok(Ok(()))) => None,
+        Some(Ok(Err(trouble)) | Err(trouble)) => Some(trouble.clone()),
+        None => Some("The disk has not yet kept this for the next start of the service".to_owned()),
+    };
     if !missed.is_empty() {
         let named = missed.iter().map(|panel| match panel.trouble() {
             Some(trouble) => format!("{} ({trouble})", panel.name()),
@@ -84,10 +95,12 @@ fn outcome(
         });
         let named = named.collect::<Vec<_>>().join(", ");
         tracing::warn!("servos are not released: {named}");
-        return Reply::Refused(format!(
+        let mut told = format!(
             "not reached: {named}. Switch the supply of these servos off. They are released as soon as they are reached; the \
              others are stopped"
-        ));
+        );
+        not_kept.iter().for_each(|trouble| told.extend([". ", trouble]));
+        return Reply::Refused(told);
     }
     let is_silent = |panel: &&Arc<Panel>| !panel.kind.acknowledges();
     let (silent, sure): (Vec<_>, Vec<_>) = reached.iter().partition(is_silent);
@@ -99,10 +112,6 @@ fn outcome(
         let effect = panel.kind.at_stop().unwrap_or_default();
         format!("{}: {effect}; it cannot confirm that", panel.name())
     }));
-    match is_kept {
-        Some(Ok(Ok(()))) => {}
-        Some(Ok(Err(trouble)) | Err(trouble)) => done.push(trouble.clone()),
-        None => done.push("The disk has not yet kept this for the next start of the service".to_owned()),
-    }
+    done.extend(not_kept);
     Reply::Done(done.join(". "))
 }

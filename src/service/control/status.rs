@@ -21,6 +21,12 @@ pub(super) fn status(counters: &Counters, settings: &Settings, config: Option<&s
         settings_refused: counters.settings_refused.lock().unwrap_or_else(PoisonError::into_inner).clone(),
         released: is_released,
         released_unix_s: is_released.then(|| counters.released_unix_s.load(Relaxed)),
+        release_not_kept: counters
+            .release_not_kept
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+            .filter(|_| is_released),
         driven: operator.is_driven.load(Relaxed),
         picture: settings.console.picture,
         links: counters.panels().iter().map(|panel| panel.status()).collect(),

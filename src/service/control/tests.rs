@@ -277,6 +277,11 @@ fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
     let mut answers = rig.ask(Request::Release { on: true });
     let Some(Reply::Done(done)) = answers.next() else { panic!("nothing moves") };
     assert!(done.starts_with("servos get no pulses. After a restart the service will not know"), "{done}");
+    let mut not_kept = || match rig.ask(Request::Status {}).next() {
+        Some(Reply::Status(status)) => status.release_not_kept,
+        _ => panic!("no state"),
+    };
+    assert!(not_kept().is_some_and(|trouble| done.ends_with(&trouble)));
     let (disk, waits) = mpsc::channel::<()>();
     rig.server.peers.keeper.begin(move || waits.recv());
     let mut answers = rig.begin(Request::Release { on: true });

@@ -3,6 +3,7 @@
 pub mod calibration;
 pub mod capture;
 pub mod cli;
+pub mod clock;
 pub mod config;
 pub mod link;
 mod listener;

@@ -8,7 +8,8 @@ use std::time::Duration;
 use common::camera::{Camera, Cameras, FPS_120};
 use common::eventually;
 use facewire::capture::v4l2::{CameraSource, Wish};
-use facewire::capture::{CaptureError, FrameFault, FrameRate, Source, monotonic_us};
+use facewire::capture::{CaptureError, FrameFault, FrameRate, Source};
+use facewire::clock::monotonic_us;
 
 const TIMEOUT: Duration = Duration::from_millis(200);
 const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };

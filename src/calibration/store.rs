@@ -15,7 +15,7 @@ use thiserror::Error;
 
 use super::guide::Calibration;
 use super::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
-use crate::capture::seconds_since_1970;
+use crate::clock::seconds_since_1970;
 
 /// Where the service manager puts the state of services.
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";

@@ -22,10 +22,9 @@ pub use jpeg::JpegDecoder;
 
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use facewire_face::{Face, Picture};
-use rustix::time::{ClockId, clock_gettime};
 
 use self::rehearsal::Rehearsal;
 use self::v4l2::{CameraSource, Wish};
@@ -198,18 +197,6 @@ impl fmt::Display for FrameRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} fps", (self.fps() * 100.0).round() / 100.0)
     }
-}
-
-/// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
-pub fn monotonic_us() -> u64 {
-    let time = clock_gettime(ClockId::Monotonic);
-    let [seconds, nanoseconds] = [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
-    seconds * 1_000_000 + nanoseconds / 1000
-}
-
-/// Returns a time of the system's clock in whole seconds since 1970.
-pub fn seconds_since_1970(time: SystemTime) -> u64 {
-    time.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
 #[cfg(test)]

@@ -14,9 +14,8 @@ use std::time::{Duration, Instant};
 use facewire_face::{Picture, Pixels};
 
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{
-    CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally, monotonic_us,
-};
+use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally};
+use crate::clock::monotonic_us;
 use crate::config::{Scene, Script};
 use facewire_board::Impairment;
 

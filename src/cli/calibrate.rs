@@ -12,7 +12,7 @@ use rustix::termios::tcgetwinsize;
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
-use crate::capture::{monotonic_us, seconds_since_1970};
+use crate::clock::{monotonic_us, seconds_since_1970};
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::{DEFAULT_WEARER, OpenCamera};

@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::{Link, Output, Rates, Traffic};
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 use crate::config::LinkSettings;
 
 /// How long the boards have to acknowledge the release. Reading 30 bus servos takes a quarter of a second.

@@ -51,7 +51,7 @@ use super::observer::Observed;
 use super::picture::Asker;
 use super::reload::Mailbox;
 use crate::calibration::{Observation, WearerName};
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 use crate::config::{Listen, Settings};
 use crate::pipeline::is_same_profile;
 use crate::recording::Recorded;

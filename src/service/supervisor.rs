@@ -13,7 +13,7 @@ use super::counters::Counters;
 use super::hot::Event;
 use super::realtime::{self, Grant};
 use super::reload::Reloader;
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 use crate::link::Panel;
 use crate::retry::LoggedReasons;
 use facewire_board::{self as board, Hardware, Impairment, ImpairmentSet, Machine};

@@ -11,7 +11,8 @@ pub use look::{FaceLook, Light, Look};
 
 use facewire_face::Landmarks;
 
-use crate::capture::{Delivery, Frame, Source, monotonic_us};
+use crate::capture::{Delivery, Frame, Source};
+use crate::clock::monotonic_us;
 use facewire_board::{Impairment, ImpairmentSet};
 
 /// A pair of thresholds: where an impairment begins, and where it ends.

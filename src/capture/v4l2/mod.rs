@@ -35,10 +35,8 @@ use self::probe::{guarded, probe};
 use self::select::{remember, start_one};
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{
-    CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally,
-    monotonic_us,
-};
+use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
+use crate::clock::monotonic_us;
 
 /// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
 const PROVEN_AFTER: u32 = 30;

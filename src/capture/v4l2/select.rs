@@ -7,9 +7,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::super::{CaptureError, monotonic_us};
+use super::super::CaptureError;
 use super::mode::{Wish, choose};
 use super::probe::{Camera, Found};
+use crate::clock::monotonic_us;
 
 /// The setting that every camera fits.
 const AUTO: &str = "auto";

@@ -10,7 +10,7 @@ use super::wait::{Outcome, poll_outcome};
 use super::wearers::{InUse, named};
 use super::{DEFAULT_WEARER, Peers};
 use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 use crate::config::{Settings, SolverSettings, WearerSettings};
 use crate::pipeline::load_model;
 use crate::service::observer::Observed;

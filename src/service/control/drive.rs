@@ -11,7 +11,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Peers;
 use super::client::{Client, MAX_DRIVE_LINE};
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 
 /// Longest silence of a client that drives.
 pub(super) const DRIVE_PATIENCE: Duration = Duration::from_millis(400);

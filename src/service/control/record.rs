@@ -7,7 +7,7 @@ use facewire_packet::Reason;
 use facewire_packet::control::Reply;
 
 use super::client::Client;
-use crate::capture::monotonic_us;
+use crate::clock::monotonic_us;
 use crate::recording::Recorded;
 use crate::service::observer::Observed;
 

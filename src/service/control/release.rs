@@ -8,7 +8,7 @@ use facewire_packet::control::Reply;
 
 use super::wait::{Answer, poll_outcome};
 use super::{Peers, Task};
-use crate::capture::seconds_since_1970;
+use crate::clock::seconds_since_1970;
 use crate::link::Panel;
 use crate::service::kept::Kept;
 

@@ -11,6 +11,7 @@ use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{self, ExitCode};
 use std::sync::Arc;
+use std::thread;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
@@ -183,7 +184,7 @@ impl Command {
     }
 }
 
-/// Releases the servos of all links before it prints anything, and fails if a board does not acknowledge that. The last settings
+/// Releases the servos of all links, and fails if a board does not acknowledge that. Nothing that it prints holds up a release. The last settings
 /// of this file with which a service has run say where servos are, too: the present ones may have faults, or be newer than
 /// the pulses.
 fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
@@ -193,8 +194,10 @@ fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
     former.retain(|former| !links.iter().any(|link| has_servos_of(link, former)));
     let mut released = String::new();
     let mut troubles = Vec::new();
+    // If nobody takes the words, they hold up no release.
+    let warn = |words: String| drop(thread::spawn(move || say(&words)));
     // One after the other, because both may lead to one port by different names or channels.
-    for (link, outcome) in [links, former].iter().flat_map(|links| release_servos(links)) {
+    for (link, outcome) in [links, former].iter().flat_map(|links| release_servos(links, warn)) {
         match outcome {
             Ok(()) => released += &format!("{link}: released\n"),
             Err(trouble) => troubles.push(trouble),

@@ -9,7 +9,9 @@ use super::{Link, Output, Rates, Traffic};
 use crate::clock::monotonic_us;
 use crate::config::LinkSettings;
 
-/// How long the boards have to acknowledge the release. Reading 30 bus servos takes a quarter of a second.
+/// After this time, boards that have not acknowledged the release are named. Reading 30 bus servos takes a quarter of a second.
+const FIRST_PATIENCE: Duration = Duration::from_millis(250);
+/// How long the boards have to acknowledge the release.
 const PATIENCE: Duration = Duration::from_millis(1500);
 /// How long the links have to close their devices.
 const CLOSING: Duration = Duration::from_millis(1500);
@@ -18,23 +20,30 @@ const RATES: Rates = Rates { send_hz: 40, slew_per_s: 1.0 };
 
 /// Takes pulses and torque from the servos of these links, and returns for each link with a servo board whether the board has
 /// acknowledged that, or a sentence that says why not. Nodes of DMX hold or drop their servos by themselves when their stream
-/// ends.
-pub fn release_servos(settings: &[LinkSettings]) -> Vec<(String, Result<(), String>)> {
+/// ends. `warn` gets a sentence about each board that has not acknowledged it within a quarter of a second, while it is tried on.
+pub fn release_servos(settings: &[LinkSettings], warn: impl Fn(String)) -> Vec<(String, Result<(), String>)> {
     let traffic = Arc::<Traffic>::default();
     traffic.operator.is_released.store(true, Relaxed);
     let boards = settings.iter().filter(|link| link.kind.moves_servos() && link.kind.universe().is_none());
     let mut links: Vec<_> = boards.map(|settings| (settings, Link::open(settings, &traffic))).collect();
-    let end = Instant::now() + PATIENCE;
+    let begun = Instant::now();
+    let mut has_warned = false;
     loop {
-        let mut is_over = true;
+        let mut missed = Vec::new();
         for (settings, link) in &mut links {
             if let Ok(link) = link {
                 link.offer(settings, RATES, monotonic_us(), &Output::NEUTRAL);
-                is_over &= link.panel.dials.has_released();
+                missed.extend((!link.panel.dials.has_released()).then_some(&**settings));
             }
         }
-        if is_over || Instant::now() >= end {
+        if missed.is_empty() || begun.elapsed() >= PATIENCE {
             break;
+        }
+        if !has_warned && begun.elapsed() >= FIRST_PATIENCE {
+            has_warned = true;
+            missed.iter().for_each(|link| {
+                warn(format!("link {link}: not released yet; be ready to switch the supply of its servos off"));
+            });
         }
         thread::sleep(PERIOD);
     }

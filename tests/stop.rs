@@ -50,7 +50,9 @@ impl Head {
     /// What the service keeps.
     fn kept(&self) -> Vec<String> {
         let kept = fs::read_dir(self.folder.path().join("state")).into_iter().flatten();
-        kept.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+        let names = kept.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        // A hidden one is still being written.
+        names.filter(|name| !name.starts_with('.')).collect()
     }
 
     /// A command of the program that finds what the service keeps.

@@ -322,10 +322,10 @@ fn a_rest_is_done_or_names_the_board_whatever_else_goes_on() {
         } else {
             0
         };
-        let last = run.err.lines().rfind(|line| !line.contains("not released yet")).unwrap_or_default();
+        let last = run.err.lines().rfind(|line| !line.contains("still trying")).unwrap_or_default();
         assert_eq!(run.status, Some(status), "{trouble:?}: {run:?}");
         assert!(is_broken || last.contains(text(&device)) == is_named, "{trouble:?}: {run:?}");
-        let is_warned = run.err.contains(&format!("link {}: not released yet", text(&device)));
+        let is_warned = run.err.contains(&format!("still trying: link {}", text(&device)));
         assert!(is_warned || trouble != Trouble::BoardHangs, "it is named while it is tried on: {run:?}");
     }
 }

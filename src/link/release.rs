@@ -29,21 +29,20 @@ pub fn release_servos(settings: &[LinkSettings], warn: impl Fn(String)) -> Vec<(
     let begun = Instant::now();
     let mut has_warned = false;
     loop {
-        let mut missed = Vec::new();
+        let mut is_over = true;
         for (settings, link) in &mut links {
             if let Ok(link) = link {
                 link.offer(settings, RATES, monotonic_us(), &Output::NEUTRAL);
-                missed.extend((!link.panel.dials.has_released()).then_some(&**settings));
+                is_over &= link.panel.dials.has_released();
             }
         }
-        if missed.is_empty() || begun.elapsed() >= PATIENCE {
+        if is_over || begun.elapsed() >= PATIENCE {
             break;
         }
         if !has_warned && begun.elapsed() >= FIRST_PATIENCE {
             has_warned = true;
-            missed.iter().for_each(|link| {
-                warn(format!("link {link}: not released yet; be ready to switch the supply of its servos off"));
-            });
+            let outcomes = links.iter().map(|(settings, link)| outcome(settings, link.as_ref()));
+            outcomes.filter_map(Result::err).for_each(|trouble| warn(format!("still trying: {trouble}")));
         }
         thread::sleep(PERIOD);
     }

@@ -98,6 +98,18 @@ impl Rig {
         Answers::of(far)
     }
 
+    /// Releases all servos, and waits for the answer, while the disk may do nothing.
+    fn release(&mut self) -> Option<Reply> {
+        let mut answers = self.begin(Request::Release { on: true });
+        let mut answer = None;
+        eventually("an answer", || {
+            self.server.serve();
+            answer = answers.next();
+            answer.is_some()
+        });
+        answer
+    }
+
     fn settle(&mut self) {
         let Peers { loader, keeper, .. } = &self.server.peers;
         [loader, keeper].iter().for_each(|disk| disk.load(|| ()).unwrap());
@@ -244,27 +256,17 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
     let links = Links::change(&settings, Vec::new(), &rig.server.peers.counters.traffic).unwrap();
     let [away, node] = links.panels().try_into().unwrap();
     rig.server.peers.counters.set_panels(links.panels());
-    let answer = |rig: &mut Rig| {
-        let mut answers = rig.begin(Request::Release { on: true });
-        let mut answer = None;
-        eventually("an answer", || {
-            rig.server.serve();
-            answer = answers.next();
-            answer.is_some()
-        });
-        answer
-    };
-    let Some(Reply::Refused(stuck)) = answer(&mut rig) else { panic!("nobody has told the links") };
+    let Some(Reply::Refused(stuck)) = rig.release() else { panic!("nobody has told the links") };
     assert!(stuck.contains("stuck"), "{stuck}");
     rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
     node.dials.note_released(true);
-    let Some(Reply::Refused(missed)) = answer(&mut rig) else { panic!("a board is away") };
+    let Some(Reply::Refused(missed)) = rig.release() else { panic!("a board is away") };
     assert!(
         missed.contains("maestro /dev/away") && missed.contains("supply") && !missed.contains("artnet"),
         "{missed}"
     );
     away.dials.note_released(true);
-    let Some(Reply::Done(done)) = answer(&mut rig) else { panic!("both have acknowledged it") };
+    let Some(Reply::Done(done)) = rig.release() else { panic!("both have acknowledged it") };
     assert!(done.starts_with("servos get no pulses. artnet 127.0.0.1:9, universe 0"), "{done}");
     assert!(done.ends_with(": they hold their last values, with power; it cannot confirm that"), "{done}");
 }
@@ -284,13 +286,7 @@ fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
     assert!(not_kept().is_some_and(|trouble| done.ends_with(&trouble)));
     let (disk, waits) = mpsc::channel::<()>();
     rig.server.peers.keeper.begin(move || waits.recv());
-    let mut answers = rig.begin(Request::Release { on: true });
-    let mut answer = None;
-    eventually("an answer", || {
-        rig.server.serve();
-        answer = answers.next();
-        answer.is_some()
-    });
+    let answer = rig.release();
     assert!(matches!(answer, Some(Reply::Done(done)) if done.contains("not yet kept")));
     drop(disk);
 }

@@ -122,8 +122,14 @@ function snapshot(message) {
   record(message.packet);
   if (!page.isPaused) {
     parts.plot.add(message.packet.time_s, message.packet.coefficients);
-    shown.pose = message.packet;
+    if (!shown.pose || !areSame(shown.pose, message.packet)) shown.pose = message.packet;
   }
+}
+
+// Whether two packets show the same face. It is not drawn again then.
+function areSame(one, other) {
+  const numbers = ["rotation", "position_mm", "coefficients"];
+  return one.state === other.state && numbers.every((key) => one[key].every((value, k) => value === other[key][k]));
 }
 
 // Times come from the clock of the console. The message that arrived fastest tells best how far that clock is ahead.

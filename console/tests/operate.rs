@@ -30,17 +30,22 @@ const SLIDER: &str = "[aria-label='Move channel 0']";
 
 /// A console with a page that is open in a browser, or `None` with a note if there is no browser.
 fn open(page: &str, size: (u32, u32)) -> Option<(Console, Browser)> {
-    open_with(SETTINGS, page, size)
+    open_in(Browser::start, SETTINGS, page, size)
 }
 
-/// As [`open`], with these settings.
-fn open_with(settings: &str, page: &str, (width, height): (u32, u32)) -> Option<(Console, Browser)> {
+/// As [`open`], in the browser that `start` starts, with these settings.
+fn open_in(
+    start: fn(u32, u32) -> Browser,
+    settings: &str,
+    page: &str,
+    (width, height): (u32, u32),
+) -> Option<(Console, Browser)> {
     if !Browser::is_installed() {
         skip("there is no chromium; scripts/setup tests installs it");
         return None;
     }
     let console = Console::start(settings);
-    let mut browser = Browser::start(width, height);
+    let mut browser = start(width, height);
     browser.open(&url(&console, [127, 0, 0, 1].into(), page));
     browser.wait_until("document.getElementById('stop')?.disabled === false");
     Some((console, browser))
@@ -97,7 +102,7 @@ fn turn_to(browser: &mut Browser, page: &str) {
 
 #[test]
 fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
-    let Some((console, mut browser)) = open("live", PHONE) else { return };
+    let Some((console, mut browser)) = open_in(Browser::with_face, SETTINGS, "live", PHONE) else { return };
     let axe = axe();
     if axe.is_none() {
         skip("there is no axe-core; scripts/setup tests installs it");
@@ -457,7 +462,7 @@ fn a_servo_is_named_in_its_card_and_every_control_of_the_card_calls_it_so() {
 #[test]
 fn other_boards_follow_the_face_while_one_is_armed_only_if_that_is_ticked() {
     let boards = [SETTINGS, "\n[[link]]\nkind = \"pca9685\"\n"].concat();
-    let Some((console, mut browser)) = open_with(&boards, "servos", PHONE) else { return };
+    let Some((console, mut browser)) = open_in(Browser::start, &boards, "servos", PHONE) else { return };
     browser.arm();
     until_asked(&console, &json!({"do": "drive"}));
     eventually("the end of the drive", || {
@@ -695,7 +700,7 @@ fn a_new_channel_of_every_board_begins_close_to_its_middle_and_slowly_and_is_wid
         ])
         .collect();
     let links: String = boards.iter().map(|(board, _)| format!("[[link]]\n{board}\n\n")).collect();
-    let Some((console, mut browser)) = open_with(&links, "servos", PHONE) else { return };
+    let Some((console, mut browser)) = open_in(Browser::start, &links, "servos", PHONE) else { return };
     let board = |index: usize| format!("document.querySelectorAll('.board')[{index}]");
     browser.wait_until(&board(5));
     for index in 0..boards.len() {

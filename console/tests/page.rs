@@ -21,7 +21,7 @@ fn open(width: u32, height: u32, first: Packet) -> Option<(Viewer, Sending, Brow
     }
     let viewer = Viewer::start();
     let sending = Sending::to(viewer.packets_to(), first);
-    let mut browser = Browser::start(width, height);
+    let mut browser = Browser::with_face(width, height);
     browser.open(&viewer.url);
     browser.wait_until("document.querySelector('.bar')");
     Some((viewer, sending, browser))

@@ -23,22 +23,26 @@ const ANSWER_PATIENCE: Duration = Duration::from_mins(5);
 /// Chromium reads commands from descriptor 3 and writes answers to descriptor 4.
 const START: &str = r#"exec chromium "$@" 3<&0 4>&1 1>&2 0</dev/null"#;
 /// The tests draw without a graphics card. A sandbox is neither possible as root nor needed for a page of our own.
-const ARGUMENTS: [&str; 8] = [
+const ARGUMENTS: [&str; 7] = [
     "--headless",
     "--no-sandbox",
     "--no-first-run",
     "--disable-dev-shm-usage",
     "--disable-background-networking",
-    "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader",
+    "--disable-gpu-compositing",
     "--remote-debugging-pipe",
 ];
+/// To draw the face by the processor takes more time than all else on the page.
+const WITH_FACE: [&str; 2] = ["--enable-unsafe-swiftshader", "--use-angle=swiftshader"];
+const WITHOUT_FACE: [&str; 1] = ["--disable-3d-apis"];
 /// The folder to keep screenshots in, for people who want to look at them.
 const SCREENSHOTS: &str = "FACEWIRE_SCREENSHOTS";
 
 /// The time that a person takes from one key to the next, or for one step of a drag.
 const PACE_MS: RangeInclusive<u64> = 60..=200;
 const STEPS_OF_A_DRAG: u32 = 5;
+/// The time from one look at the page to the next. To look at each picture would take a third of a processor for each page.
+const LOOK_MS: u64 = 50;
 /// The width of a slider's thumb in Chromium. The middle of the thumb stays half this width away from both ends.
 const THUMB_PX: f64 = 16.0;
 
@@ -61,7 +65,7 @@ const PLACE: &str = "new Promise((done) => {
         if (Array.isArray(now) && String(now) === String(last)) return done(now);
         if (performance.now() > end) return done(`${now}`);
         last = now;
-        requestAnimationFrame(look);
+        setTimeout(look, LOOK_MS);
     };
     look();
 })";
@@ -128,11 +132,20 @@ impl Browser {
         Command::new("sh").args(["-c", "command -v chromium"]).stdout(Stdio::null()).status().unwrap().success()
     }
 
-    /// Starts the browser with an empty page of this size in CSS pixels.
+    /// Starts the browser with an empty page of this size in CSS pixels. It cannot draw the face, and the page says so.
     pub fn start(width: u32, height: u32) -> Self {
+        Self::start_with(&WITHOUT_FACE, width, height)
+    }
+
+    /// As [`Self::start`], but the browser can draw the face.
+    pub fn with_face(width: u32, height: u32) -> Self {
+        Self::start_with(&WITH_FACE, width, height)
+    }
+
+    fn start_with(graphics: &[&str], width: u32, height: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut command = Command::new("sh");
-        command.args(["-c", START, "sh"]).args(ARGUMENTS);
+        command.args(["-c", START, "sh"]).args(ARGUMENTS).args(graphics);
         command.arg(format!("--user-data-dir={}", folder.path().join("profile").display()));
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let (sender, messages) = mpsc::channel();
@@ -250,14 +263,14 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression in the page is true. The page looks at it before each picture. An expression that fails,
+    /// Waits until an expression in the page is true. An expression that fails,
     /// as while the page is built, is not true yet.
     pub fn wait_until(&mut self, condition: &str) {
         let patience_ms = self.patience.as_millis();
         let look = format!(
             "new Promise((done) => {{ const end = performance.now() + {patience_ms}; \
              const holds = () => {{ try {{ return {condition}; }} catch {{ return false; }} }}; \
-             const look = () => holds() ? done(true) : performance.now() > end ? done(false) : requestAnimationFrame(look); \
+             const look = () => holds() ? done(true) : performance.now() > end ? done(false) : setTimeout(look, {LOOK_MS}); \
              look(); }})"
         );
         if self.value(&look) != true {
@@ -376,7 +389,9 @@ impl Browser {
     /// Returns the middle of a control, where nothing lies over it.
     fn place(&mut self, find: &str) -> [f64; 2] {
         let patience_ms = self.patience.as_millis().to_string();
-        let place = self.value(&PLACE.replace("FIND", find).replace("PATIENCE_MS", &patience_ms));
+        let place = self.value(
+            &PLACE.replace("FIND", find).replace("PATIENCE_MS", &patience_ms).replace("LOOK_MS", &LOOK_MS.to_string()),
+        );
         if let Ok(middle) = serde_json::from_value(place.clone()) {
             return middle;
         }

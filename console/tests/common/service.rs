@@ -46,7 +46,8 @@ case "$1 $2" in
 "record "*)
     trap 'exit 0' INT
     printf 'frames' >"$2"
-    while :; do sleep 0.02; done ;;
+    # The console that began this may have been killed.
+    while [ -e "$0" ]; do sleep 0.02; done ;;
 "track "*)
     echo 'frame,time_s,state,jawOpen,head_yaw_deg'
     for row in 0 1 2 3 4; do echo "$row,$row,live,0.$row,1"; done ;;

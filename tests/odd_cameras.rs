@@ -5,13 +5,19 @@
 mod common;
 
 use common::camera::{
-    Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE, clip_jpegs,
+    Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE,
+    VIDEO_CAPTURE_MPLANE, clip_jpegs, clip_raw,
 };
 use common::eventually;
 use common::program::{settings, text};
 use common::service::counted;
+use facewire::capture::v4l2::{Layout, Store};
+use facewire_face::FaceBox;
+use facewire_face::stages::{Block, Border, CropShape, crop};
 use facewire_packet::{Packet, Reason};
 use rustix::io::Errno;
+use v4l::format::Quantization;
+use v4l::{Format, FourCC};
 
 const AUTO: &str = "[camera]\ndevice = \"auto\"\n";
 /// A busy machine may take seconds for a frame.
@@ -31,7 +37,7 @@ fn refusal(machine: &Cameras, toml: &str) -> String {
 
 #[test]
 fn every_format_shows_the_face_also_where_rows_are_padded() {
-    let table: [(&[&str], Option<u32>, &str); 8] = [
+    let table: [(&[&str], Option<u32>, &str); 11] = [
         (&["YUYV"], None, "YUYV"),
         (&["YUYV"], Some(1344), "YUYV"),
         (&["NV12"], None, "NV12"),
@@ -40,6 +46,9 @@ fn every_format_shows_the_face_also_where_rows_are_padded() {
         (&["GREY"], Some(648), "GREY"),
         (&["MJPG"], None, "MJPEG"),
         (&["JPEG"], None, "JPEG"),
+        (&["UYVY"], Some(1344), "UYVY"),
+        (&["YU12"], None, "YU12"),
+        (&["BGR3"], None, "BGR3"),
     ];
     for (formats, stride, name) in table {
         let machine = Cameras::with(&[]);
@@ -49,6 +58,50 @@ fn every_format_shows_the_face_also_where_rows_are_padded() {
         service.await_log(&format!("camera opened: Simulated camera (/dev/video0): {name} 640x480 at 30 fps"));
         assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());
     }
+}
+
+/// The middle of the first frame of the clip, as a camera sends it in this format, in samples from 0 to 1.
+fn middle(fourcc: &str, stride: usize) -> Vec<f32> {
+    let code = fourcc.as_bytes().try_into().unwrap();
+    let format = Format {
+        stride: stride as u32,
+        quantization: Quantization::FullRange,
+        ..Format::new(640, 480, FourCC::new(code))
+    };
+    let mut store = Store::new(Layout::of(&format).unwrap()).unwrap();
+    store.keep(&clip_raw(fourcc, stride, 1)[0]).unwrap();
+    let region = FaceBox { centre: [320.0, 240.0], size: 400.0, angle_rad: 0.0 };
+    let shape = CropShape { side: 64, range: [0.0, 1.0], border: Border::Black };
+    let mut rows = vec![[0.0; 3 * 64]; 64];
+    crop(&store.picture().unwrap(), &region, shape, &mut Block::default(), &mut rows);
+    rows.concat()
+}
+
+#[test]
+fn every_raw_format_gives_the_colours_of_the_picture_that_it_was_made_of() {
+    let wanted = middle("YUYV", 1280);
+    let grey = middle("GREY", 640);
+    let difference = |fourcc, stride, wanted: &[f32]| {
+        let samples = middle(fourcc, stride);
+        samples.iter().zip(wanted).map(|(sample, wanted)| f64::from((sample - wanted).abs())).sum::<f64>()
+            / wanted.len() as f64
+    };
+    for (fourcc, stride) in [("UYVY", 1346), ("YVYU", 1280), ("VYUY", 1288), ("422P", 640)] {
+        assert_eq!(difference(fourcc, stride, &wanted), 0.0, "{fourcc}");
+    }
+    // Half the chroma, colours that were rounded, and fewer of them.
+    let coarse = [("NV12", 640), ("NV21", 704), ("NV16", 704), ("NV61", 640), ("YU12", 640), ("YV12", 704)];
+    let packed = [("RGB3", 1924), ("BGR3", 1920), ("RGB4", 2560), ("XR24", 2564), ("XB24", 2560), ("RX24", 2560)];
+    for (fourcc, stride) in coarse.into_iter().chain(packed).chain([("RGBP", 1284)]) {
+        let most = if fourcc == "RGBP" { 0.012 } else { 0.004 };
+        let difference = difference(fourcc, stride, &wanted);
+        assert!(difference < most, "{fourcc}: {difference}");
+    }
+    for (fourcc, stride) in [("Y10 ", 1280), ("Y12 ", 1284), ("Y16 ", 1280)] {
+        assert_eq!(difference(fourcc, stride, &grey), 0.0, "{fourcc}");
+    }
+    let without_colours = difference("GREY", 640, &wanted);
+    assert!(without_colours > 0.02, "the picture has too little colour to tell formats apart: {without_colours}");
 }
 
 #[test]
@@ -116,24 +169,37 @@ fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
 }
 
 #[test]
-fn a_face_is_live_by_every_clock_that_says_when_a_frame_was_captured_or_says_that_it_does_not_know() {
+fn a_face_is_live_by_every_clock_and_one_that_cannot_be_true_is_reported_once_and_counted() {
     let clocks = [
-        Clock::Monotonic,
-        Clock::Unknown(0),
-        Clock::Copied(1_000_000),
-        Clock::Realtime,
-        Clock::Offset(900_000),
-        Clock::Offset(-30_000),
-        Clock::Rate(101),
-        Clock::Rate(99),
-        Clock::Pairs,
-        Clock::StepsBack(20_000),
+        (Clock::Monotonic, true),
+        (Clock::Unknown(0), true),
+        (Clock::Copied(1_000_000), true),
+        (Clock::Realtime, true),
+        (Clock::Offset(900_000), true),
+        (Clock::Offset(-30_000), true),
+        (Clock::Rate(101), true),
+        (Clock::Rate(99), true),
+        (Clock::Pairs, true),
+        (Clock::StepsBack(20_000), true),
+        (Clock::Frozen, false),
+        (Clock::Constant(0), false),
+        (Clock::Constant(-140_448_221_376_697), false),
+        (Clock::FromStart, false),
+        // Further behind than any time limit of the failsafe, also on a slow machine.
+        (Clock::Offset(-60_000_000), false),
     ];
-    for clock in clocks {
+    for (clock, can_be_true) in clocks {
         let machine = Cameras::with(&[]);
         machine.show_clip(Camera { formats: &["MJPG"], clock, ..Camera::default() });
-        let (_service, receiver) = machine.serve(PATIENT);
+        let (service, receiver) = machine.serve(PATIENT);
         receiver.live();
+        if !can_be_true {
+            service.await_log("the times that the driver of the camera gives its frames cannot be true");
+            let before = counted(&service.status(), "mistimed");
+            eventually("more of them", || counted(&service.status(), "mistimed") > before + 10);
+        }
+        let reports = service.logged("cannot be true");
+        assert_eq!(reports, usize::from(!can_be_true), "{clock:?}");
     }
 }
 
@@ -144,7 +210,7 @@ fn each_call_that_fails_is_one_sentence_with_a_remedy() {
         ("open", Errno::BUSY, "/dev/video0 is in use by another program; stop that program"),
         ("open", Errno::NODEV, "there is no camera; plug one in"),
         ("QUERYCAP", Errno::NOTTY, "there is no camera; plug one in"),
-        ("ENUM_FMT", Errno::INVAL, "/dev/video0 does not offer YUYV, NV12, MJPEG, JPEG or GREY"),
+        ("ENUM_FMT", Errno::INVAL, "/dev/video0 does not offer a format that facewire reads"),
         ("G_FMT", Errno::INVAL, "there is no camera; plug one in"),
         ("S_FMT", Errno::BUSY, "/dev/video0 is in use by another program; stop that program"),
         ("S_FMT", Errno::IO, "the camera failed while setting its format: "),
@@ -154,6 +220,7 @@ fn each_call_that_fails_is_one_sentence_with_a_remedy() {
         ("mmap", Errno::NOMEM, "the camera failed while starting it: "),
         ("QBUF", Errno::IO, "the camera failed while starting it: "),
         ("STREAMON", Errno::NOSPC, "/dev/video0 cannot start, because its USB bus has no bandwidth left"),
+        ("STREAMON", Errno::TIMEDOUT, "the camera failed while starting it: "),
         ("STREAMON", Errno::NODEV, "the camera is gone; plug it in again"),
         ("DQBUF", Errno::IO, "the camera failed while starting it: "),
     ];
@@ -178,7 +245,7 @@ fn what_is_no_camera_or_lacks_the_format_is_one_sentence() {
         (settings_for("webcam"), "no camera is called webcam; there is UVC Camera (/dev/video0)"),
         (
             format("/dev/video0", "yuyv"),
-            "/dev/video0 does not offer YUYV; set camera.format to a format it offers (MJPEG)",
+            "/dev/video0 does not offer YUYV; set camera.format = \"auto\" for those that it offers (MJPEG)",
         ),
     ] {
         let said = refusal(&machine, &toml);
@@ -202,6 +269,63 @@ fn a_machine_without_cameras_says_so() {
     let machine = Cameras::with(&[]);
     assert!(refusal(&machine, AUTO).starts_with("there is no camera; plug one in"));
     assert!(machine.run(&["devices"]).succeeded().out.starts_with("no camera\n"));
+}
+
+#[test]
+fn a_camera_that_facewire_cannot_read_is_named_with_what_it_offers() {
+    let machine = Cameras::with(&[Camera { formats: &["pBAA", "H264"], ..Camera::default() }]);
+    assert!(machine.run(&["devices"]).succeeded().out.contains("no format that facewire reads, but pBAA, H264\n"));
+    let said = refusal(&machine, AUTO);
+    assert!(said.contains("(none that is supported, but pBAA, H264)"), "{said}");
+    let own = VIDEO_CAPTURE_MPLANE | STREAMING;
+    let planes = Camera { formats: &["NV12"], capabilities: [own | DEVICE_CAPS, own], ..Camera::default() };
+    let machine = Cameras::with(std::slice::from_ref(&planes));
+    let said = refusal(&machine, AUTO);
+    assert!(said.starts_with("/dev/video0 (Simulated camera) gives its pictures in several planes"), "{said}");
+    machine.plug(1, &Camera { card: "Webcam", ..Camera::default() });
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    service.await_log("camera opened: Webcam (/dev/video1): ");
+}
+
+#[test]
+fn a_driver_that_takes_every_interval_is_asked_for_the_one_of_the_settings() {
+    let intervals = Listing::Continuous { least: [1, 1000], most: [u32::MAX, 1] };
+    let machine = Cameras::with(&[Camera { intervals, pace: Some([1, 120]), ..Camera::default() }]);
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    service.await_log("YUYV 640x480 at 30 fps");
+    assert!(machine.calls(0).contains("S_PARM 1/30\n"), "{}", machine.calls(0));
+}
+
+#[test]
+fn jpeg_images_of_another_size_than_the_driver_says_are_shown() {
+    let machine = Cameras::with(&[]);
+    machine.show_clip(Camera { formats: &["MJPG"], granted_size: Some([640, 472]), ..Camera::default() });
+    let (service, receiver) = machine.serve(PATIENT);
+    receiver.live();
+    service.await_log("MJPEG 640x480 at 30 fps");
+}
+
+#[test]
+fn a_camera_with_empty_frames_alone_is_reported_with_a_remedy_of_its_own() {
+    let machine = Cameras::with(&[Camera { empty: (1, 1), intervals: FPS_120, ..Camera::default() }]);
+    let said = refusal(&machine, AUTO);
+    assert!(said.contains("it is empty") && said.contains("its driver fills no buffer"), "{said}");
+}
+
+#[test]
+fn an_infrared_camera_is_used_if_there_is_none_with_colours() {
+    let infrared = Camera { card: "Infrared", formats: &["GREY"], ..Camera::default() };
+    let machine = Cameras::with(&[infrared]);
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    service.await_log("camera opened: Infrared");
+    drop(service);
+    machine.plug(1, &Camera { card: "Colour", ..Camera::default() });
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    service.await_log("camera opened: Colour");
 }
 
 #[test]

@@ -74,6 +74,15 @@ fn press_armed(console: &Console, browser: &mut Browser, button: &str, fits: imp
     });
 }
 
+/// Drags a slider to a value until the service has seen the effect. The page may have disarmed before it sent the last position.
+fn drive_until(console: &Console, browser: &mut Browser, slider: &str, value: f64, fits: impl Fn(&Seen) -> bool) {
+    eventually(slider, || {
+        browser.drive(slider, value);
+        browser.await_statuses(browser.statuses() + 2);
+        fits(&console.service.seen.lock().unwrap())
+    });
+}
+
 /// Drags the slider of channel 0 to a value and sets an end or the rest there, until the page shows the effect.
 fn set_here(browser: &mut Browser, value: f64, button: &str, text: &str) {
     let is_shown = format!("document.body.innerText.includes({text:?})");
@@ -349,9 +358,10 @@ fn a_slider_moves_a_servo_only_while_armed_and_a_page_that_is_closed_lets_go() {
     browser.wait_until(&format!("document.querySelector(\"{SLIDER}\")?.disabled"));
     assert!(!browser.drag(&element(SLIDER), 0.9), "a slider moves before arming");
     assert_eq!(console.service.changes(), Vec::<Value>::new());
-    browser.drive(&element(SLIDER), 0.25);
     let moved = json!({"link": 0, "channel": 0, "position": 0.25});
-    console.service.until(|seen| seen.lines.iter().any(|(_, line)| *line == moved));
+    drive_until(&console, &mut browser, &element(SLIDER), 0.25, |seen| {
+        seen.lines.iter().any(|(_, line)| *line == moved)
+    });
     browser.wait_until("document.querySelector('.numbers').innerText.includes('0.25')");
     browser.screenshot("armed");
     // The arrow keys move it, too.
@@ -400,10 +410,13 @@ fn a_servo_is_moved_by_hand_while_all_are_released_before_the_face_ever_moves_it
             == "1300 µs,none: no pulses"
     });
     browser.screenshot("a released servo in the hand");
-    browser.arm();
-    browser.drive(&element(SLIDER), 0.5);
-    browser.wait_for_text("A slider moves its servo, and all others stay released.");
-    browser.wait_for_text("a servo is moved by hand");
+    eventually("a servo that is moved by hand", || {
+        browser.drive(&element(SLIDER), 0.5);
+        browser.await_statuses(browser.statuses() + 2);
+        let sentences = ["A slider moves its servo, and all others stay released.", "a servo is moved by hand"];
+        let shown = browser.value("document.body.innerText");
+        sentences.iter().all(|sentence| shown.as_str().unwrap().contains(sentence))
+    });
     browser.click("STOP");
     console.service.until(have_ended);
     browser.wait_until(&format!("{}.disabled", element(SLIDER)));
@@ -501,8 +514,9 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
         seen.lines.iter().any(|(_, line)| line["coefficients"]["eyeBlinkLeft"].as_f64() > Some(0.7))
     });
     browser.wait_until("document.querySelector('#puppet [role=status]').textContent === ''");
-    browser.drive(&element("#puppet input"), 20.0);
-    console.service.until(|seen| seen.lines.iter().any(|(_, line)| line["head_deg"] == json!([20.0, 0.0, 0.0])));
+    drive_until(&console, &mut browser, &element("#puppet input"), 20.0, |seen| {
+        seen.lines.iter().any(|(_, line)| line["head_deg"] == json!([20.0, 0.0, 0.0]))
+    });
     press_armed(&console, &mut browser, "Sweep each channel", |seen| {
         [0, 3].into_iter().all(|number| {
             seen.lines.iter().any(|(_, line)| line["channel"] == number && line["position"].as_f64() > Some(0.9))
@@ -795,17 +809,15 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
 #[test]
 fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
-    browser.drive(&element(SLIDER), 0.25);
     let positions =
         |seen: &Seen| -> Vec<f64> { seen.lines.iter().filter_map(|(_, line)| line["position"].as_f64()).collect() };
     let is_at = |at: f64| move |seen: &Seen| positions(seen).last() == Some(&at);
-    console.service.until(is_at(0.25));
+    drive_until(&console, &mut browser, &element(SLIDER), 0.25, is_at(0.25));
     let before = positions(&console.service.seen.lock().unwrap()).len();
     let height = browser.value("scrollY");
     browser.swipe_up(&element(SLIDER));
     browser.wait_until(&format!("scrollY > {height}"));
-    browser.drive(&element(SLIDER), 0.0);
-    console.service.until(is_at(0.0));
+    drive_until(&console, &mut browser, &element(SLIDER), 0.0, is_at(0.0));
     let moved = positions(&console.service.seen.lock().unwrap());
     assert!(moved[before..].iter().all(|position| *position <= 0.25), "{moved:?}");
     // A tap moves the servo.

@@ -32,15 +32,16 @@ pub fn frame_intake(data: &[u8]) {
     if layout.stride * layout.height * 2 > MOST_BYTES {
         return;
     }
-    match layout.format {
-        PixelFormat::Mjpeg | PixelFormat::Jpeg => jpeg(&layout, &mut input, &region, shape),
-        _ => raw(&layout, usize::from(input.short()), &region, shape),
+    if layout.format.is_jpeg() {
+        jpeg(&layout, &mut input, &region, shape);
+    } else {
+        raw(&layout, usize::from(input.short()), &region, shape);
     }
 }
 
 fn format(input: &mut Input<'_>) -> Format {
-    let fourccs = PixelFormat::ALL.map(PixelFormat::fourcc);
-    let fourcc = fourccs.get(usize::from(input.byte())).copied().unwrap_or(*b"RGB3");
+    let fourccs = PixelFormat::ALL.map(|format| format.fourcc);
+    let fourcc = fourccs.get(usize::from(input.byte())).copied().unwrap_or(*b"pBAA");
     let [width, height] = [input.short(), input.short()].map(u32::from);
     let stride = input.word();
     let [colorspace, quantization] = [input.byte(), input.byte()].map(u32::from);
@@ -53,8 +54,11 @@ fn format(input: &mut Input<'_>) -> Format {
 fn can_be_read(format: &Format) -> bool {
     let [width, height, stride] = [format.width, format.height, format.stride].map(|number| number as usize);
     let row_bytes = match &format.fourcc.repr {
-        b"YUYV" => (width + width % 2) * 2,
-        b"NV12" => width + width % 2,
+        b"YUYV" | b"UYVY" | b"YVYU" | b"VYUY" => (width + width % 2) * 2,
+        b"NV12" | b"NV21" | b"NV16" | b"NV61" | b"YU12" | b"YV12" | b"422P" => width + width % 2,
+        b"RGB3" | b"BGR3" => 3 * width,
+        b"RGB4" | b"BGR4" | b"XB24" | b"AB24" | b"XR24" | b"AR24" | b"BX24" | b"BA24" | b"RX24" | b"RA24" => 4 * width,
+        b"RGBP" | b"Y10 " | b"Y12 " | b"Y14 " | b"Y16 " => 2 * width,
         b"GREY" | b"MJPG" | b"JPEG" => width,
         _ => return false,
     };
@@ -101,13 +105,34 @@ fn painted(layout: &Layout) -> Vec<u8> {
     let [luma, cb, cr] = COLOUR;
     let pairs = layout.width.div_ceil(2);
     let row = |samples: Vec<u8>| [samples.clone(), vec![PADDING; layout.stride - samples.len()]].concat();
-    match layout.format {
-        PixelFormat::Yuyv => row([luma, cb, luma, cr].repeat(pairs)).repeat(layout.height),
-        PixelFormat::Nv12 => {
-            let chroma = row([cb, cr].repeat(pairs)).repeat(layout.height.div_ceil(2));
-            [row(vec![luma; layout.width]).repeat(layout.height), chroma].concat()
-        }
-        _ => row(vec![luma; layout.width]).repeat(layout.height),
+    let rows = |samples: Vec<u8>, count: usize| row(samples).repeat(count);
+    let Layout { width, height, stride, .. } = *layout;
+    let luma_rows = || rows(vec![luma; width], height);
+    let semi = |pair: [u8; 2], count| [luma_rows(), rows(pair.repeat(pairs), count)].concat();
+    let half_row = |sample: u8| [vec![sample; pairs], vec![PADDING; stride / 2 - pairs]].concat();
+    let planar = |samples: [u8; 2], count| {
+        let planes = samples.map(|sample| half_row(sample).repeat(count)).concat();
+        [luma_rows(), planes].concat()
+    };
+    let half = height.div_ceil(2);
+    match &layout.format.fourcc {
+        b"YUYV" => rows([luma, cb, luma, cr].repeat(pairs), height),
+        b"UYVY" => rows([cb, luma, cr, luma].repeat(pairs), height),
+        b"YVYU" => rows([luma, cr, luma, cb].repeat(pairs), height),
+        b"VYUY" => rows([cr, luma, cb, luma].repeat(pairs), height),
+        b"NV12" => semi([cb, cr], half),
+        b"NV21" => semi([cr, cb], half),
+        b"NV16" => semi([cb, cr], height),
+        b"NV61" => semi([cr, cb], height),
+        b"YU12" => planar([cb, cr], half),
+        b"YV12" => planar([cr, cb], half),
+        b"422P" => planar([cb, cr], height),
+        // A pixel of one colour, whatever it is.
+        b"RGB3" | b"BGR3" => rows(vec![luma; 3 * width], height),
+        b"RGBP" => rows(vec![luma; 2 * width], height),
+        b"Y10 " | b"Y12 " | b"Y14 " | b"Y16 " => rows([luma, 0].repeat(width), height),
+        b"GREY" => luma_rows(),
+        _ => rows(vec![luma; 4 * width], height),
     }
 }
 

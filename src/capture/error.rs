@@ -15,7 +15,7 @@ pub enum CaptureError {
     #[error("frame {number} was left out: {fault}")]
     Frame { number: u64, fault: FrameFault },
     /// The camera sends pictures that cannot be read. Opening it again cures some cameras.
-    #[error("{count} frames in a row were bad (the last: {fault}); check the camera's cable and USB bandwidth")]
+    #[error("{count} frames in a row were bad (the last: {fault}); {}", fault.remedy())]
     AllDamaged { count: u32, fault: FrameFault },
     /// The camera was unplugged, or its driver was removed.
     #[error("the camera is gone; plug it in again")]
@@ -74,6 +74,13 @@ impl CaptureError {
         Self::Absent(format!("{path} is not a camera that captures pictures; `facewire devices` lists those that do"))
     }
 
+    pub(super) fn multi_planar(path: &impl Display, card: &str) -> Self {
+        Self::Unusable(format!(
+            "{path} ({card}) gives its pictures in several planes, which facewire does not read; use a USB camera, or pass \
+             its pictures on to a v4l2loopback device as YUYV"
+        ))
+    }
+
     pub(super) fn stalled(waited: Duration) -> Self {
         let waited_ms = waited.as_millis();
         Self::Unusable(format!("the camera sent nothing for {waited_ms} ms; check its cable and USB bandwidth"))
@@ -106,6 +113,8 @@ pub enum FrameFault {
     NotJpeg,
     #[error("it is incomplete")]
     Incomplete,
+    #[error("it is empty")]
+    Empty,
     #[error("the driver marked it as damaged")]
     Marked,
     #[error("it is larger than a picture of the announced size can be")]
@@ -118,6 +127,21 @@ pub enum FrameFault {
     /// The JPEG data is corrupt, or has more scans than that of a camera.
     #[error("its JPEG data is corrupt")]
     Corrupt,
+}
+
+impl FrameFault {
+    /// What to do about a camera with only such frames.
+    const fn remedy(self) -> &'static str {
+        match self {
+            Self::NotJpeg | Self::Incomplete | Self::Marked | Self::Corrupt => {
+                "check the camera's cable and USB bandwidth"
+            }
+            Self::Empty => {
+                "its driver fills no buffer: set another camera.format or size, or look at the program that feeds it"
+            }
+            Self::TooLarge | Self::WrongSize { .. } | Self::Layout => "set another camera.format or size",
+        }
+    }
 }
 
 #[cfg(test)]

@@ -132,6 +132,10 @@ pub struct Tally {
     pub for_newer: u32,
     /// Frames left out because the reader wanted a later one ([`Source::leave_out_until`]).
     pub left_out: u32,
+    /// Frames whose time of arrival counts, because the time that the driver states cannot be true.
+    pub mistimed: u32,
+    /// Whether that has become so for all frames of this camera.
+    pub has_false_clock: bool,
     pub decoding: Duration,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,
@@ -163,6 +167,8 @@ pub struct FrameRate {
 
 impl FrameRate {
     pub const FPS_30: Self = Self { frames: 30, seconds: 1 };
+    /// The slowest rate that is believed.
+    pub const SLOWEST: Self = Self { frames: 1, seconds: 10 };
     /// Frames per second that are believed. Files with a slower or faster rate hold arbitrary numbers.
     const BELIEVED_FPS: RangeInclusive<f64> = 0.1..=1000.0;
 

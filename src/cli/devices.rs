@@ -91,7 +91,9 @@ fn camera_lines(camera: &Camera) -> String {
     text.extend(camera.links.iter().map(|link| format!("  stable path {}\n", link.display())));
     text.extend(camera.modes.iter().map(|mode| format!("  {mode}\n")));
     if camera.modes.is_empty() {
-        text += "  no format that facewire reads (YUYV, NV12, MJPEG, GREY)\n";
+        let others = camera.other_formats.join(", ");
+        let others = if others.is_empty() { "none".to_owned() } else { others };
+        text += &format!("  no format that facewire reads, but {others}\n");
     }
     text
 }

@@ -16,7 +16,7 @@ use facewire_servo::bus::Line;
 use serialport::{SerialPort as _, TTYPort};
 
 use super::background::Device;
-use super::serial::{PortClaim, PortSearch, in_time, lost, open_port};
+use super::serial::{PortClaim, PortSearch, in_time, lost, open_link};
 use super::{LinkError, Panel};
 use crate::config::BusServoSettings;
 use crate::retry::LoggedReasons;
@@ -49,8 +49,7 @@ impl Device for Servos {
         let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
         let device = PortSearch::new(device, Attached::BusServos).find()?;
         let _claim = PortClaim::acquire(&device)?;
-        let tty = open_port(&device, *baud, WRITE_TIMEOUT)?;
-        tracing::info!("link opened: {} at {baud} baud", device.display());
+        let tty = open_link(&device, *baud, WRITE_TIMEOUT)?;
         if let Some(late) = latency_remedy(&root(), &device) {
             tracing::warn!("link {}: {late}", device.display());
         }

@@ -1,7 +1,8 @@
 //! The receivers of iFacialMocap, each of which asks for the face and gets it in the version that it has asked for.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
-//! system reports that nobody listens or that the host is away, and one that has been away for some seconds is dropped.
+//! system reports that its machine refuses datagrams, because nobody listens there. One that has been away so for some
+//! seconds is dropped. Other errors are those of the network in between, and the receiver gets the face again once it is back.
 
 use std::fmt;
 use std::io::ErrorKind;
@@ -123,7 +124,7 @@ impl Server {
         self.subscribers.push(Subscriber { address, socket, version, asked: now, refused: now, away_since: now });
     }
 
-    /// Sends the text to all receivers, and drops those that are away. Returns whether it reached the network.
+    /// Sends the text to all receivers, and drops those whose machine says that nobody listens any more. Returns whether it reached the network.
     fn show(&mut self, text: &[u8], now: Instant) -> bool {
         let mut is_sent = false;
         for it in &mut self.subscribers {
@@ -132,7 +133,8 @@ impl Server {
             set_version(&mut self.changed, it.version);
             match it.socket.send(&self.changed) {
                 Ok(_) => is_sent = true,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                // Any other error is one of the network between, which may come back.
+                Err(error) if error.kind() != ErrorKind::ConnectionRefused => {}
                 Err(_) => {
                     if now.saturating_duration_since(it.refused) > REPORT_PERIOD {
                         it.away_since = now;

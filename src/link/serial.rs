@@ -48,6 +48,8 @@ const STUCK_AFTER: Duration = Duration::from_millis(500);
 const RESTART: Duration = Duration::from_secs(2);
 const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
+/// Share of a rate by which that of a driver may be wrong: both ends of a line together bear 3 to 5 percent.
+const MOST_RATE_ERROR: f64 = 0.02;
 const CANNOT_BE_OPENED: &str = "cannot be opened";
 
 pub fn lost(device: &Path, error: impl Display) -> LinkError {
@@ -112,11 +114,31 @@ impl Drop for PortClaim {
 /// Opens a serial port without claiming it. Reading and writing wait for `timeout` at most. If this restarts the board,
 /// it is restarted again by whoever opens the port next.
 pub fn open_port(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    open(device, baud, timeout).map(|(tty, _)| tty)
+    open(device, baud, timeout).map(|(tty, ..)| tty)
 }
 
-/// Opens the port. If a board there may restart now, also returns what [`keep_dtr`] takes when the restart is over.
-fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<OwnedFd>), LinkError> {
+/// As [`open_port`], and logs that the port is open.
+pub fn open_link(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
+    let (tty, made, _) = open(device, baud, timeout)?;
+    log_opened(device, baud, made);
+    Ok(tty)
+}
+
+/// Logs the rate of a port that was opened, and what to do if that is not the one that it was asked for.
+fn log_opened(device: &Path, baud: u32, made: u32) {
+    let device = device.display();
+    tracing::info!("link opened: {device} at {made} baud");
+    if made.abs_diff(baud) > (f64::from(baud) * MOST_RATE_ERROR) as u32 {
+        tracing::warn!(
+            "link {device}: its driver makes {made} baud in place of {baud}, which the other end may not understand; set \
+             the link and the other end to a rate that it makes, or use another adapter"
+        );
+    }
+}
+
+/// Opens the port. Returns the rate that its driver makes as well, and, if a board there may restart now, what [`keep_dtr`] takes
+/// when the restart is over.
+fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, u32, Option<OwnedFd>), LinkError> {
     let prepare = || {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let prepared = rustix::fs::open(device, flags, Mode::empty())?;
@@ -134,7 +156,8 @@ fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<
         serialport::ErrorKind::NoDevice => refused(device, Errno::BUSY),
         _ => failed(device, CANNOT_BE_OPENED, error.description),
     })?;
-    Ok((tty, restarts.then_some(prepared)))
+    let made = tcgetattr(&prepared).map_or(baud, |modes| modes.output_speed());
+    Ok((tty, made, restarts.then_some(prepared)))
 }
 
 fn keep_dtr(port: &OwnedFd) -> rustix::io::Result<()> {
@@ -204,8 +227,8 @@ impl Device for Line {
         self.is_found |= !found.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting);
         let device = found?;
         let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
-        let (tty, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
-        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
+        let (tty, made, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
+        log_opened(&device, self.baud, made);
         let mut port = Port::new(device, tty, dtr, claim);
         if port.dtr.is_some() {
             tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());

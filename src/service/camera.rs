@@ -28,10 +28,10 @@ impl OpenCamera {
     pub(super) fn begin(settings: &CameraSettings, is_small: bool) -> Result<Self, CaptureError> {
         let format = match settings.format {
             CameraFormat::Auto => None,
-            CameraFormat::Yuyv => Some(PixelFormat::Yuyv),
-            CameraFormat::Mjpeg => Some(PixelFormat::Mjpeg),
-            CameraFormat::Nv12 => Some(PixelFormat::Nv12),
-            CameraFormat::Grey => Some(PixelFormat::Grey),
+            CameraFormat::Yuyv => Some(PixelFormat::YUYV),
+            CameraFormat::Mjpeg => Some(PixelFormat::MJPEG),
+            CameraFormat::Nv12 => Some(PixelFormat::NV12),
+            CameraFormat::Grey => Some(PixelFormat::GREY),
         };
         let rate = FrameRate::new(settings.fps, 1).unwrap_or(FrameRate::FPS_30);
         let wish = Wish { width: settings.width, height: settings.height, rate, format };

@@ -56,6 +56,7 @@ pub(super) struct Counters {
     pub(super) engine_failures: AtomicU64,
     pub(super) skipped: AtomicU64,
     pub(super) left_out: AtomicU64,
+    pub(super) mistimed: AtomicU64,
     pub(super) deadline_misses: AtomicU64,
     pub(super) damaged: AtomicU64,
     pub(super) opened: AtomicU64,
@@ -217,6 +218,8 @@ impl Counters {
             counter "frames_skipped" "" "Frames skipped for a newer frame." = count("skipped", &self.skipped);
             counter "frames_left_out" "" "Frames left out by the present step of the pipeline."
                 = count("left_out", &self.left_out);
+            counter "frames_mistimed" "" "Frames whose time by the camera's driver cannot be true; their arrival counts."
+                = count("mistimed", &self.mistimed);
             counter "deadline_misses" "" "Frames that took longer than the time to the next frame that the step takes."
                 = count("deadline_misses", &self.deadline_misses);
             counter "frames_damaged" "" "Frames damaged by camera or cable." = count("damaged", &self.damaged);

@@ -54,6 +54,8 @@ pub(super) struct Outlets {
 pub(super) enum Event {
     Started(Vec<Grant>),
     Opened(String),
+    /// The times that the driver of the camera states are not used any more.
+    FalseClock,
     /// There are no pictures: what is missing, and why.
     Blind(&'static str, String),
     /// The engine has failed several times in a row, and its networks are about to be loaded again.
@@ -83,6 +85,8 @@ pub(super) struct HotLoop {
     changes: mpsc::Receiver<HotChange>,
     counters: Arc<Counters>,
     opened_us: Option<u64>,
+    /// Whether a camera with a false clock was reported.
+    has_false_clock: bool,
     timing: FrameTiming,
     watch: Watch,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
@@ -123,6 +127,7 @@ impl HotLoop {
             outlets,
             changes,
             opened_us: None,
+            has_false_clock: false,
             timing: FrameTiming::new(Arc::clone(&counters)),
             watch: Watch::new(HOLD_US),
             counters,
@@ -229,6 +234,10 @@ impl HotLoop {
         let tally = source.take_tally();
         add(&self.counters.skipped, tally.for_newer.into());
         add(&self.counters.left_out, tally.left_out.into());
+        add(&self.counters.mistimed, tally.mistimed.into());
+        if tally.has_false_clock && !std::mem::replace(&mut self.has_false_clock, true) {
+            self.tell(Event::FalseClock);
+        }
         self.timing.decoded(tally.decoding);
         self.outlets.loads.write(self.timing.load());
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);

@@ -170,6 +170,10 @@ impl Log {
                 tracing::info!("{}", self.camera);
                 self.blind_reasons = LoggedReasons::default();
             }
+            Event::FalseClock => tracing::warn!(
+                "the times that the driver of the camera gives its frames cannot be true: from now on a frame counts as \
+                 captured when it arrives, so that its age is a little too short; a newer driver or another camera may cure that"
+            ),
             Event::Blind(what, reason) => {
                 if self.blind_reasons.is_new(&reason) {
                     tracing::warn!("{what}: {reason}; trying again");

@@ -328,13 +328,17 @@ impl Cameras {
 
     /// Plugs a camera in as `/dev/video0` that shows the face of the built-in clip in its first format.
     pub fn show_clip(&self, camera: Camera) -> Camera {
-        let stride = camera.stride.map(|bytes| bytes as usize);
-        let frames = match camera.formats[0] {
-            "MJPG" | "JPEG" => clip_jpegs(CLIP_FRAMES),
-            format @ ("YUYV" | "UYVY") => clip_raw(format, stride.unwrap_or(1280), CLIP_FRAMES),
-            format => clip_raw(format, stride.unwrap_or(640), CLIP_FRAMES),
+        let format = camera.formats[0];
+        let mut camera = camera;
+        let frames = if ["MJPG", "JPEG"].contains(&format) {
+            clip_jpegs(CLIP_FRAMES)
+        } else {
+            let stride = *camera.stride.get_or_insert(640 * bytes_of_pixel(format));
+            let frames = clip_raw(format, stride as usize, CLIP_FRAMES);
+            camera.image_bytes = Some(frames[0].len() as u32);
+            frames
         };
-        let camera = Camera { frames: self.film("clip", &frames), ..camera };
+        camera.frames = self.film("clip", &frames);
         self.plug(0, &camera);
         camera
     }
@@ -377,6 +381,22 @@ pub fn clip_raw(fourcc: &str, stride: usize, count: usize) -> Vec<Vec<u8>> {
     frames
 }
 
+/// The bytes of a pixel in a row of luma or of colours.
+fn bytes_of_pixel(fourcc: &str) -> u32 {
+    match fourcc {
+        "YUYV" | "UYVY" | "YVYU" | "VYUY" | "RGBP" | "Y10 " | "Y12 " | "Y16 " => 2,
+        "RGB3" | "BGR3" => 3,
+        "RGB4" | "XR24" | "XB24" | "RX24" => 4,
+        _ => 1,
+    }
+}
+
+/// Red, green and blue of a pixel of full range, by the equations of JFIF.
+fn colours([luma, u, v]: [u8; 3]) -> [u8; 3] {
+    let [luma, u, v] = [f64::from(luma), f64::from(u) - 128.0, f64::from(v) - 128.0];
+    [luma + 1.402 * v, luma - 0.344_14 * u - 0.714_14 * v, luma + 1.772 * u].map(|it| it.round() as u8)
+}
+
 /// Arranges the samples of a 4:2:2 picture of 640x480 pixels in the order of the format `fourcc`.
 fn raw(fourcc: &str, stride: usize, [luma, u, v]: [&[u8]; 3]) -> Vec<u8> {
     let padded = |mut row: Vec<u8>, bytes: usize| {
@@ -388,30 +408,63 @@ fn raw(fourcc: &str, stride: usize, [luma, u, v]: [&[u8]; 3]) -> Vec<u8> {
     let luma_rows = (0..480).flat_map(|row| padded(luma(row), stride));
     match fourcc {
         "GREY" => luma_rows.collect(),
-        "NV12" => {
-            let pairs = |row: usize| chroma(row).flat_map(|(u, v)| [*u, *v]).collect();
-            luma_rows.chain((0..480).step_by(2).flat_map(|row| padded(pairs(row), stride))).collect()
+        "NV12" | "NV21" | "NV16" | "NV61" => {
+            let is_v_first = ["NV21", "NV61"].contains(&fourcc);
+            let step = if ["NV12", "NV21"].contains(&fourcc) { 2 } else { 1 };
+            let pairs =
+                |row: usize| chroma(row).flat_map(|(u, v)| if is_v_first { [*v, *u] } else { [*u, *v] }).collect();
+            luma_rows.chain((0..480).step_by(step).flat_map(|row| padded(pairs(row), stride))).collect()
         }
-        "YU12" => {
+        "YU12" | "YV12" | "422P" => {
+            let step = if fourcc == "422P" { 1 } else { 2 };
             let plane = |of: &[u8]| {
-                let rows = (0..480).step_by(2).flat_map(|row| padded(of[row * 320..][..320].to_vec(), stride / 2));
+                let rows = (0..480).step_by(step).flat_map(|row| padded(of[row * 320..][..320].to_vec(), stride / 2));
                 rows.collect::<Vec<u8>>()
             };
-            let planes = [plane(u), plane(v)].concat();
-            luma_rows.chain(planes).collect()
+            let planes = if fourcc == "YV12" { [plane(v), plane(u)] } else { [plane(u), plane(v)] };
+            luma_rows.chain(planes.concat()).collect()
         }
-        "YUYV" | "UYVY" => {
-            let is_luma_first = fourcc == "YUYV";
+        "YUYV" | "UYVY" | "YVYU" | "VYUY" => {
             let pixels = |row: usize| {
                 let luma = luma(row);
                 let pairs = luma.as_chunks::<2>().0.iter().zip(chroma(row));
-                let bytes = pairs.flat_map(|([first, second], (u, v))| match is_luma_first {
-                    true => [*first, *u, *second, *v],
-                    false => [*u, *first, *v, *second],
+                let bytes = pairs.flat_map(|([first, second], (u, v))| match fourcc {
+                    "YUYV" => [*first, *u, *second, *v],
+                    "UYVY" => [*u, *first, *v, *second],
+                    "YVYU" => [*first, *v, *second, *u],
+                    _ => [*v, *first, *u, *second],
                 });
                 bytes.collect::<Vec<u8>>()
             };
             (0..480).flat_map(|row| padded(pixels(row), stride)).collect()
+        }
+        // The unused bytes are not black, so that nobody takes them for a colour.
+        "RGB3" | "BGR3" | "RGB4" | "XR24" | "XB24" | "RX24" | "RGBP" => {
+            let pixels = |row: usize| {
+                let chroma: Vec<_> = chroma(row).collect();
+                let pixel = |(at, luma): (usize, u8)| {
+                    let [red, green, blue] = colours([luma, *chroma[at / 2].0, *chroma[at / 2].1]);
+                    match fourcc {
+                        "RGB3" => vec![red, green, blue],
+                        "BGR3" => vec![blue, green, red],
+                        "RGB4" => vec![99, red, green, blue],
+                        "XR24" => vec![blue, green, red, 99],
+                        "XB24" => vec![red, green, blue, 99],
+                        "RX24" => vec![99, blue, green, red],
+                        _ => {
+                            let [red, green, blue] = [red >> 3, green >> 2, blue >> 3].map(u16::from);
+                            (red << 11 | green << 5 | blue).to_le_bytes().to_vec()
+                        }
+                    }
+                };
+                luma(row).into_iter().enumerate().flat_map(pixel).collect::<Vec<u8>>()
+            };
+            (0..480).flat_map(|row| padded(pixels(row), stride)).collect()
+        }
+        "Y10 " | "Y12 " | "Y16 " => {
+            let bits: u32 = fourcc[1..].trim().parse().unwrap();
+            let deep = |luma: u8| (u16::from(luma) << (bits - 8)).to_le_bytes();
+            (0..480).flat_map(|row| padded(luma(row).into_iter().flat_map(deep).collect(), stride)).collect()
         }
         _ => panic!("no pixels in {fourcc}"),
     }

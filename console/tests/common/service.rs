@@ -108,7 +108,10 @@ impl Service {
     pub fn until(&self, fits: impl Fn(&Seen) -> bool) {
         let begun = Instant::now();
         while !fits(&self.seen.lock().unwrap()) {
-            assert!(begun.elapsed() < PATIENCE, "{:?}", self.seen.lock().unwrap());
+            // A panic while the lock is held would poison it for the threads that serve.
+            let is_over = begun.elapsed() >= PATIENCE;
+            let seen = if is_over { format!("{:?}", self.seen.lock().unwrap()) } else { String::new() };
+            assert!(!is_over, "{seen}");
             thread::sleep(Duration::from_millis(2));
         }
     }

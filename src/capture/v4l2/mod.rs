@@ -1,13 +1,15 @@
 //! Cameras of the kernel's `Video4Linux2` interface.
 //!
 //! `probe` lists the cameras, `select` decides which of them to try for a setting, `mode` chooses among the modes that a
-//! camera offers, and `stream` waits for the newest buffer, whose pixels [`CameraSource`] checks and keeps.
+//! camera offers, `stream` waits for the newest buffer, `clock` judges its time, and `layout` checks and keeps its pixels.
 //!
 //! Contract: every error except a damaged frame ends the source, which must then be closed and opened again. Unplugged
 //! cameras and faulty drivers cause errors, never panics.
 //!
-//! Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
+//! Limits: single-planar capture, in the formats of [`PixelFormat::ALL`].
 
+mod clock;
+mod layout;
 mod mode;
 mod probe;
 mod select;
@@ -18,31 +20,31 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 use v4l::device::Handle;
-use v4l::format::{Colorspace, Quantization};
 use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::CaptureStream;
 use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-pub use self::mode::{PixelFormat, Wish};
+pub use self::layout::{Layout, PixelFormat, Store};
+pub use self::mode::Wish;
 pub use self::probe::{Camera, Found, cameras};
 
+use self::clock::DriverClock;
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};
 use self::select::{remember, start_one};
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
+use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally};
 use crate::clock::monotonic_us;
 
 /// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
 const PROVEN_AFTER: u32 = 30;
 /// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
 const STALE_PERIODS: u64 = 2;
-/// Largest number of frames that are left out at once, so that a camera whose clock stands still is read nevertheless.
+/// Largest number of frames that are left out at once, so that a camera with a wrong clock is read nevertheless.
 const MAX_LEFT_OUT: u32 = 16;
 
 pub struct CameraSource {
@@ -60,6 +62,7 @@ pub struct CameraSource {
     taken: u64,
     /// Frames that were captured earlier are left out.
     wanted_us: u64,
+    clock: DriverClock,
     tally: Tally,
     delivery: DeliveryCounter,
     /// Number of pictures so far, up to [`PROVEN_AFTER`].
@@ -98,6 +101,7 @@ impl CameraSource {
             has_smaller_mode,
             taken: 0,
             wanted_us: 0,
+            clock: DriverClock::default(),
             tally: Tally::default(),
             delivery: DeliveryCounter::new(rate.unwrap_or(FrameRate::FPS_30).period_us()),
             shown: 0,
@@ -113,7 +117,7 @@ impl CameraSource {
     fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
         let handle = &self.handle;
         let timeout = self.timeout;
-        wait(handle, timeout)?;
+        let mut waited_since_us = wait(handle, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
         let mut skipped = 0;
@@ -125,29 +129,50 @@ impl CameraSource {
             let now_us = monotonic_us();
             self.taken += 1;
             let stated_us = captured_us(meta, now_us);
-            if let Some(captured_us) = stated_us {
+            let believed_us = stated_us.and_then(|stated_us| self.clock.judge(stated_us, waited_since_us));
+            if let Some(captured_us) = believed_us {
                 self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
+            } else if stated_us.is_some() {
+                self.tally.mistimed += 1;
+                self.tally.has_false_clock |= self.clock.is_given_up();
             }
-            let captured_us = stated_us.unwrap_or(now_us);
+            let captured_us = believed_us.unwrap_or(now_us);
             if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
                 left_out += 1;
                 self.tally.left_out += 1;
-                wait(handle, timeout)?;
+                waited_since_us = wait(handle, timeout)?;
                 continue;
             }
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
-            let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
+            let mut has_newer = is_ready(handle, Duration::ZERO)?;
+            waited_since_us = None;
+            if is_stale && !has_newer {
+                waited_since_us = Some(monotonic_us());
+                has_newer = is_ready(handle, take(&mut patience))?;
+            }
             if !has_newer || skipped > BUFFERS {
                 let begun = Instant::now();
                 let kept = filled(bytes, meta).and_then(|bytes| self.store.keep(bytes));
                 self.tally.decoding += begun.elapsed();
                 return kept.map(|()| (number, captured_us)).map_err(|fault| {
                     self.delivery.damaged += 1;
+                    self.fit_store(fault);
                     CaptureError::Frame { number, fault }
                 });
             }
             skipped += 1;
             self.tally.for_newer += 1;
+        }
+    }
+
+    /// Makes room for images of another size than the driver has announced, such as those of 1088 rows in place of 1080. Once a
+    /// picture was shown, another size counts as damage.
+    fn fit_store(&mut self, fault: FrameFault) {
+        if let FrameFault::WrongSize { width, height } = fault
+            && self.shown == 0
+            && let Ok(store) = Store::new(Layout { width, height, ..self.store.layout })
+        {
+            self.store = store;
         }
     }
 
@@ -201,12 +226,12 @@ impl Source for CameraSource {
 
     fn describe(&self) -> Description<'_> {
         let Layout { format, width, height, .. } = self.store.layout;
-        Description { origin: &self.origin, format: format.name(), width, height, rate: self.rate }
+        Description { origin: &self.origin, format: format.name, width, height, rate: self.rate }
     }
 }
 
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
-    let wanted = Format::new(choice.size[0], choice.size[1], FourCC::new(&choice.format.fourcc()));
+    let wanted = Format::new(choice.size[0], choice.size[1], FourCC::new(&choice.format.fourcc));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
     Layout::of(&set).ok_or_else(|| {
         let path = path.display();
@@ -220,131 +245,4 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
 fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
     let set = device.set_params(&Parameters::new(Fraction::new(rate.seconds, rate.frames))).ok()?.interval;
     FrameRate::new(set.denominator, set.numerator)
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Layout {
-    pub format: PixelFormat,
-    pub width: usize,
-    pub height: usize,
-    pub stride: usize,
-    /// Whether black and white are 0 and 255 in raw frames, rather than 16 and 235.
-    pub full_range: bool,
-}
-
-impl Layout {
-    /// The layout of the format that a driver has set; `None` if it is not supported. If the driver does not state the
-    /// range of luma, the kernel's rule applies: full for grey and for the JPEG colour space, limited for all others.
-    pub fn of(set: &Format) -> Option<Self> {
-        let format = PixelFormat::of(set.fourcc.repr)?;
-        let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
-        let row_bytes = match format {
-            PixelFormat::Yuyv => 4 * width.div_ceil(2),
-            // Chroma rows have the same stride as luma rows, and hold whole pairs.
-            PixelFormat::Nv12 => 2 * width.div_ceil(2),
-            _ => width,
-        };
-        let stride = if stride == 0 { row_bytes } else { stride };
-        let full_range = match set.quantization {
-            Quantization::FullRange => true,
-            Quantization::LimitedRange => false,
-            Quantization::Default => format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG),
-        };
-        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side))
-            && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
-        fits.then_some(Self { format, width, height, stride, full_range })
-    }
-}
-
-pub struct Store {
-    layout: Layout,
-    /// The bytes that the camera sent, unless they are a JPEG image.
-    raw: Box<[u8]>,
-    jpeg: Option<JpegDecoder>,
-}
-
-impl Store {
-    pub fn new(layout: Layout) -> Result<Self, CaptureError> {
-        let Layout { format, width, height, stride, .. } = layout;
-        let (raw_rows, is_jpeg) = match format {
-            PixelFormat::Mjpeg | PixelFormat::Jpeg => (0, true),
-            PixelFormat::Nv12 => (height + height.div_ceil(2), false),
-            PixelFormat::Yuyv | PixelFormat::Grey => (height, false),
-        };
-        let jpeg = is_jpeg.then(|| JpegDecoder::new(width, height)).transpose()?;
-        Ok(Self { layout, raw: vec![0; stride * raw_rows].into_boxed_slice(), jpeg })
-    }
-
-    /// Copies or decodes a frame, so that its buffer can go back to the driver.
-    pub fn keep(&mut self, bytes: &[u8]) -> Result<(), FrameFault> {
-        if let Some(decoder) = &mut self.jpeg {
-            return decoder.decode(bytes);
-        }
-        self.raw.copy_from_slice(bytes.get(..self.raw.len()).ok_or(FrameFault::Incomplete)?);
-        Ok(())
-    }
-
-    pub fn picture(&self) -> Option<Picture<'_>> {
-        if let Some(decoder) = &self.jpeg {
-            return decoder.picture();
-        }
-        let Layout { format, width, height, stride, full_range } = self.layout;
-        let data = &self.raw;
-        let pixels = match format {
-            PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
-            PixelFormat::Nv12 => {
-                let (luma, chroma) = data.split_at_checked(stride * height)?;
-                Pixels::Nv12 { luma, chroma, stride }
-            }
-            _ => Pixels::Grey { data, stride },
-        };
-        Picture::new(width, height, pixels, full_range)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_raw_frame_fills_rows_of_whole_pairs_and_a_short_one_or_a_layout_without_room_is_refused() {
-        // The width, height and stride that a driver sets, and the bytes of a frame, unless the layout is refused.
-        let table = [
-            (b"YUYV", [6, 4, 12], Some(48)),
-            (b"YUYV", [6, 4, 16], Some(64)),
-            (b"YUYV", [5, 3, 0], Some(36)),
-            (b"YUYV", [6, 4, 11], None),
-            (b"YUYV", [5, 3, 11], None),
-            (b"NV12", [6, 4, 8], Some(48)),
-            (b"NV12", [5, 3, 0], Some(30)),
-            (b"NV12", [5, 3, 5], None),
-            (b"GREY", [6, 4, 0], Some(24)),
-            (b"GREY", [5000, 4, 0], None),
-            (b"GREY", [0, 4, 0], None),
-            (b"RGB3", [6, 4, 18], None),
-        ];
-        for (fourcc, [width, height, stride], bytes) in table {
-            let layout = Layout::of(&Format { stride, ..Format::new(width, height, FourCC::new(fourcc)) });
-            assert_eq!(layout.is_some(), bytes.is_some(), "{layout:?}");
-            let Some((mut store, bytes)) = layout.map(|layout| Store::new(layout).unwrap()).zip(bytes) else {
-                continue;
-            };
-            assert_eq!(store.keep(&vec![9; bytes - 1]), Err(FrameFault::Incomplete), "{layout:?}");
-            assert_eq!(store.keep(&vec![9; bytes + 100]), Ok(()), "padding behind it");
-            assert_eq!((store.keep(&vec![9; bytes]), store.picture().is_some()), (Ok(()), true));
-        }
-    }
-
-    #[test]
-    fn the_range_is_limited_unless_the_driver_says_otherwise() {
-        let is_full = |fourcc, colorspace, quantization| {
-            let set = Format { colorspace, quantization, ..Format::new(6, 4, FourCC::new(fourcc)) };
-            Layout::of(&set).unwrap().full_range
-        };
-        assert!(!is_full(b"YUYV", Colorspace::SRGB, Quantization::Default));
-        assert!(is_full(b"YUYV", Colorspace::JPEG, Quantization::Default));
-        assert!(is_full(b"GREY", Colorspace::SRGB, Quantization::Default));
-        assert!(is_full(b"YUYV", Colorspace::SRGB, Quantization::FullRange));
-        assert!(!is_full(b"YUYV", Colorspace::JPEG, Quantization::LimitedRange));
-    }
 }

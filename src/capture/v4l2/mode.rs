@@ -3,49 +3,10 @@
 use std::fmt;
 
 use super::super::FrameRate;
+use super::layout::PixelFormat;
 
 /// Share of the wanted rate that is fast enough, so that 29.97 counts as 30.
 const RATE_TOLERANCE: f64 = 0.98;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PixelFormat {
-    Yuyv,
-    Nv12,
-    Mjpeg,
-    /// Separate JPEG images, which are decoded like Motion-JPEG.
-    Jpeg,
-    Grey,
-}
-
-impl PixelFormat {
-    /// All formats in order of preference. Raw formats come first because they need no decoding, and grey comes last
-    /// because the networks were trained on colour.
-    pub const ALL: [Self; 5] = [Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Jpeg, Self::Grey];
-
-    pub const fn fourcc(self) -> [u8; 4] {
-        match self {
-            Self::Yuyv => *b"YUYV",
-            Self::Nv12 => *b"NV12",
-            Self::Mjpeg => *b"MJPG",
-            Self::Jpeg => *b"JPEG",
-            Self::Grey => *b"GREY",
-        }
-    }
-
-    pub fn of(fourcc: [u8; 4]) -> Option<Self> {
-        Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
-    }
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Yuyv => "YUYV",
-            Self::Nv12 => "NV12",
-            Self::Mjpeg => "MJPEG",
-            Self::Jpeg => "JPEG",
-            Self::Grey => "GREY",
-        }
-    }
-}
 
 /// Values from `min` to `max` in steps of `step`. A single value has `min == max` and `step == 0`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -169,7 +130,7 @@ impl fmt::Display for Steps {
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size;
-        write!(f, "{} {width}x{height}", self.format.name())?;
+        write!(f, "{} {width}x{height}", self.format.name)?;
         for (at, Rates { slowest, fastest }) in self.rates.iter().enumerate() {
             f.write_str(if at == 0 { " at " } else { ", " })?;
             if slowest != fastest {
@@ -184,7 +145,12 @@ impl fmt::Display for Mode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use PixelFormat::{Grey, Jpeg, Mjpeg, Nv12, Yuyv};
+
+    const GREY: PixelFormat = PixelFormat::GREY;
+    const JPEG: PixelFormat = PixelFormat::JPEG;
+    const MJPEG: PixelFormat = PixelFormat::MJPEG;
+    const NV12: PixelFormat = PixelFormat::NV12;
+    const YUYV: PixelFormat = PixelFormat::YUYV;
 
     fn mode(format: PixelFormat, size: [u32; 2], rates: &[u32]) -> Mode {
         let rate = |fps: &u32| FrameRate::new(*fps, 1).unwrap();
@@ -199,19 +165,19 @@ mod tests {
     fn chosen(modes: &[Mode], wish: &Wish) -> String {
         let Choice { format, size: [width, height], rate } = choose(modes, wish).unwrap();
         let rate = rate.map_or("?".to_owned(), |rate| rate.to_string());
-        format!("{} {width}x{height} {rate}", format.name())
+        format!("{} {width}x{height} {rate}", format.name)
     }
 
     /// The list of a common USB 2 webcam: raw pictures are slow at large sizes.
     fn webcam() -> Vec<Mode> {
         vec![
-            mode(Mjpeg, [1920, 1080], &[30, 15]),
-            mode(Mjpeg, [1280, 720], &[60, 30]),
-            mode(Mjpeg, [640, 480], &[60, 30]),
-            mode(Yuyv, [1920, 1080], &[5]),
-            mode(Yuyv, [1280, 720], &[10, 5]),
-            mode(Yuyv, [640, 480], &[30, 15]),
-            mode(Yuyv, [320, 240], &[30]),
+            mode(MJPEG, [1920, 1080], &[30, 15]),
+            mode(MJPEG, [1280, 720], &[60, 30]),
+            mode(MJPEG, [640, 480], &[60, 30]),
+            mode(YUYV, [1920, 1080], &[5]),
+            mode(YUYV, [1280, 720], &[10, 5]),
+            mode(YUYV, [640, 480], &[30, 15]),
+            mode(YUYV, [320, 240], &[30]),
         ]
     }
 
@@ -227,12 +193,12 @@ mod tests {
             (wish(160, 120, 30), "YUYV 320x240 30 fps"),
             (wish(800, 600, 30), "MJPEG 1280x720 30 fps"),
             (wish(3840, 2160, 30), "MJPEG 1920x1080 30 fps"),
-            (only(Mjpeg), "MJPEG 640x480 30 fps"),
+            (only(MJPEG), "MJPEG 640x480 30 fps"),
         ] {
             assert_eq!(chosen(&webcam(), &wish), expected, "{wish:?}");
         }
-        assert_eq!((choose(&webcam(), &only(Nv12)), choose(&[], &wish(640, 480, 30))), (None, None));
-        let mut modes: Vec<_> = [Grey, Jpeg, Mjpeg, Nv12, Yuyv].map(|format| mode(format, [640, 480], &[30])).into();
+        assert_eq!((choose(&webcam(), &only(NV12)), choose(&[], &wish(640, 480, 30))), (None, None));
+        let mut modes: Vec<_> = [GREY, JPEG, MJPEG, NV12, YUYV].map(|format| mode(format, [640, 480], &[30])).into();
         for expected in ["YUYV", "NV12", "MJPEG", "JPEG", "GREY"] {
             assert!(chosen(&modes, &wish(640, 480, 30)).starts_with(expected));
             modes.pop();
@@ -245,7 +211,7 @@ mod tests {
         let fastest = wish(1, 1, 60).rate;
         let ntsc = FrameRate::new(30_000, 1001).unwrap();
         let size = [2592, 1944].map(|max| Steps { min: 32, max, step: 2 });
-        let with = |rates| [Mode { format: Yuyv, size, rates }, mode(Mjpeg, [640, 480], &[30])];
+        let with = |rates| [Mode { format: YUYV, size, rates }, mode(MJPEG, [640, 480], &[30])];
         let camera = with(vec![Rates { slowest, fastest }]);
         assert_eq!(camera[0].to_string(), "YUYV 32..2592x32..1944 at 1 fps to 60 fps");
         for (camera, wish, expected) in [
@@ -270,6 +236,6 @@ mod tests {
         assert!(is_smaller(&webcam(), wish(1280, 720, 30)) && is_smaller(&webcam(), wish(640, 480, 30)));
         assert!(!is_smaller(&webcam(), wish(640, 480, 60)), "320x240 has no 60 fps");
         assert!(!is_smaller(&webcam(), wish(320, 240, 30)), "the smallest already");
-        assert!(!is_smaller(&[mode(Mjpeg, [640, 480], &[30]), mode(Mjpeg, [352, 288], &[15])], wish(640, 480, 30)));
+        assert!(!is_smaller(&[mode(MJPEG, [640, 480], &[30]), mode(MJPEG, [352, 288], &[15])], wish(640, 480, 30)));
     }
 }

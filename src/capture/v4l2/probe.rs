@@ -9,14 +9,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 use facewire_board::links_to;
-use v4l::capability::Flags;
+use v4l::capability::{Capabilities, Flags};
 use v4l::frameinterval::FrameIntervalEnum;
 use v4l::framesize::FrameSizeEnum;
 use v4l::video::Capture;
 use v4l::{Device, FourCC, Fraction};
 
 use super::super::{CaptureError, FrameRate};
-use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
+use super::layout::PixelFormat;
+use super::mode::{Mode, Rates, Steps, Wish};
 
 const VIDEO_MAJOR: u32 = 81;
 /// Folders of links to the nodes: `by-id` names the camera, `by-path` the socket. A link keeps its name when its node gets
@@ -29,7 +30,7 @@ const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 const NO_CAMERAS: [&str; 7] = ["bcm2835-codec", "bcm2835-isp", "isys", "pispbe", "rp1-cfe", "rpi-hevc-dec", "rpivid"];
 
 /// A camera with its modes in the supported formats.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Camera {
     /// `/dev/videoN`.
     pub node: PathBuf,
@@ -40,6 +41,8 @@ pub struct Camera {
     /// Links to the node, by-id before by-path.
     pub links: Vec<PathBuf>,
     pub modes: Vec<Mode>,
+    /// Its formats that are not read.
+    pub other_formats: Vec<String>,
 }
 
 #[derive(Debug, Default)]
@@ -52,11 +55,17 @@ pub struct Found {
 
 impl Camera {
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
-        let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
+        let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name).collect();
         offered.dedup();
-        let offered = if offered.is_empty() { "none that is supported".to_owned() } else { offered.join(", ") };
-        let wanted = wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name);
-        let remedy = format!("set camera.format to a format it offers ({offered}), or use another camera");
+        let others = self.other_formats.join(", ");
+        let offered = match (offered.is_empty(), others.is_empty()) {
+            (true, true) => "none that is supported".to_owned(),
+            (true, false) => format!("none that is supported, but {others}"),
+            (false, _) => offered.join(", "),
+        };
+        let wanted = wish.format.map_or("a format that facewire reads", |format| format.name);
+        let remedy =
+            format!("set camera.format = \"auto\" for those that it offers ({offered}), or use another camera");
         CaptureError::Unusable(format!("{} does not offer {wanted}; {remedy}", self.node.display()))
     }
 }
@@ -91,11 +100,13 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
         let device = Device::with_path(&node).map_err(fail("opening it"))?;
         let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
             // A camera that offers only unsupported formats is listed without modes.
-            Some(identity) if device.format().is_ok() => identity,
+            Identity::Camera { card, driver, is_usb } if device.format().is_ok() => (card, driver, is_usb),
+            Identity::MultiPlanar { card } => return Err(CaptureError::multi_planar(&path.display(), &card)),
             _ => return Err(CaptureError::not_a_camera(&path.display())),
         };
         let links = LINK_FOLDERS.iter().flat_map(|folder| links_to(&node, folder.as_ref())).collect();
-        let camera = Camera { card, driver, is_usb, links, modes: modes(&device), node };
+        let (modes, other_formats) = modes(&device);
+        let camera = Camera { card, driver, is_usb, links, modes, other_formats, node };
         Ok((camera, device))
     })
 }
@@ -110,32 +121,57 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
 }
 
-/// Returns the names of the camera and of its driver, and whether it is on a USB bus; `None` if the device does not
-/// capture pictures by streaming.
+/// What a video device is.
+enum Identity {
+    /// It captures pictures, and has these names of itself and of its driver.
+    Camera { card: String, driver: String, is_usb: bool },
+    /// It captures pictures by the interface for several planes alone.
+    MultiPlanar { card: String },
+    /// It does not capture pictures by streaming.
+    Other,
+}
+
+/// Asks a device what it is.
 ///
 /// The v4l crate panics on a camera's name that is not UTF-8, for example because the kernel has cut it within a
 /// character. The capabilities of such a device are not queried; its formats decide whether it captures. Only USB cameras
 /// name themselves.
-fn identity(device: &Device, node: &Path) -> io::Result<Option<(String, String, bool)>> {
+fn identity(device: &Device, node: &Path) -> io::Result<Identity> {
     let name = Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default()).join("name");
     if let Some(card) = fs::read(name).ok().filter(|card| std::str::from_utf8(card).is_err()) {
-        return Ok(Some((String::from_utf8_lossy(card.trim_ascii()).into_owned(), "unknown".to_owned(), true)));
+        let card = String::from_utf8_lossy(card.trim_ascii()).into_owned();
+        return Ok(Identity::Camera { card, driver: "unknown".to_owned(), is_usb: true });
     }
-    let caps = device.query_caps()?;
-    let captures = caps.capabilities.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING);
-    Ok(captures.then(|| (caps.card, caps.driver, caps.bus.starts_with("usb"))))
+    let Capabilities { card, driver, bus, capabilities, .. } = device.query_caps()?;
+    let can = |flag| capabilities.contains(flag | Flags::STREAMING);
+    Ok(if can(Flags::VIDEO_CAPTURE) {
+        Identity::Camera { card, driver, is_usb: bus.starts_with("usb") }
+    } else if can(Flags::VIDEO_CAPTURE_MPLANE) && !NO_CAMERAS.contains(&driver.as_str()) {
+        Identity::MultiPlanar { card }
+    } else {
+        Identity::Other
+    })
 }
 
-fn modes(device: &Device) -> Vec<Mode> {
-    let codes = device.enum_formats().unwrap_or_default().into_iter().map(|format| format.fourcc.repr);
-    let mut formats: Vec<_> = codes.filter_map(PixelFormat::of).collect();
+/// Returns the modes of a camera, and its formats that are not read.
+fn modes(device: &Device) -> (Vec<Mode>, Vec<String>) {
+    let codes: Vec<_> = device.enum_formats().unwrap_or_default().into_iter().map(|format| format.fourcc).collect();
+    let mut formats: Vec<_> = codes.iter().filter_map(|code| PixelFormat::of(code.repr)).collect();
     formats.dedup();
-    formats.into_iter().flat_map(|format| modes_of(device, format)).collect()
+    let is_read = |code: &&FourCC| PixelFormat::of(code.repr).is_some();
+    let others = codes.iter().filter(|code| !is_read(code)).map(|code| readable(code.repr)).collect();
+    (formats.into_iter().flat_map(|format| modes_of(device, format)).collect(), others)
+}
+
+/// The code of a pixel format. Bytes that are no letters, as some drivers have, become question marks.
+fn readable(code: [u8; 4]) -> String {
+    let letter = |byte: &u8| if byte.is_ascii_graphic() { char::from(*byte) } else { '?' };
+    code.trim_ascii().iter().map(letter).collect()
 }
 
 /// Returns a mode for each size of a format. A driver that lists no sizes offers the size that is set.
 fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
-    let fourcc = FourCC::new(&format.fourcc());
+    let fourcc = FourCC::new(&format.fourcc);
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
     let mut sizes: Vec<_> = sizes.into_iter().map(|size| steps(&size.size)).collect();
     sizes.retain(|size| size.iter().all(|side| side.max > 0));
@@ -166,8 +202,10 @@ fn rates(interval: &FrameIntervalEnum) -> Option<Rates> {
         FrameIntervalEnum::Stepwise(steps) => (&steps.min, &steps.max),
     };
     let fastest = rate(shortest)?;
-    // Many drivers state an absurd longest interval.
-    Some(Rates { slowest: rate(longest).unwrap_or(fastest), fastest })
+    // Many drivers state an absurd longest interval, such as 2^32 - 1 s. Without a length it says nothing.
+    let has_length = longest.numerator > 0 && longest.denominator > 0;
+    let slowest = rate(longest).unwrap_or(if has_length { FrameRate::SLOWEST } else { fastest });
+    Some(Rates { slowest, fastest })
 }
 
 thread_local! {
@@ -213,7 +251,7 @@ mod tests {
             let node = "/dev/video14".into();
             let card = driver.to_owned();
             let driver = driver.to_owned();
-            found.add(Ok(Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }));
+            found.add(Ok(Camera { node, card, driver, is_usb: false, ..Camera::default() }));
         }
         found.add(Err(CaptureError::Gone));
         found.add(Err(CaptureError::Unusable("no permission".to_owned())));

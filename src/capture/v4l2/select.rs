@@ -1,8 +1,9 @@
 //! Decides which cameras to try for a setting, and in which order.
 //!
 //! A camera that cannot be used now, such as one that another program uses, must not keep facewire from the next one. So
-//! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the USB
-//! cameras, of these the one with the lowest number. Those that failed follow, the last one that failed at the end.
+//! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the cameras
+//! with colours, of these the USB cameras, of these the one with the lowest number. Those that failed follow, the last one
+//! that failed at the end.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -31,12 +32,15 @@ pub(super) fn remember(node: &Path, has_failed: bool) {
 /// tried only if no other has such a name, because many webcams have a second device of the same name.
 fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Vec<&'a Camera> {
     let is_usable = |camera: &&Camera| choose(&camera.modes, wish).is_some();
+    // Many laptops have an infrared camera, which shows nothing without its lamp.
+    let has_colours =
+        |camera: &Camera| camera.modes.is_empty() || camera.modes.iter().any(|mode| !mode.format.is_grey());
     let mut ranked: Vec<_> = cameras.iter().filter(|camera| wanted == AUTO || camera.is_named(wanted)).collect();
     if wanted == AUTO || ranked.iter().any(is_usable) {
         ranked.retain(is_usable);
     }
     let turn = |camera: &Camera| failed.iter().position(|node| *node == camera.node).map_or(0, |at| at + 1);
-    ranked.sort_by_key(|camera| (turn(camera), !camera.is_usb));
+    ranked.sort_by_key(|camera| (turn(camera), !has_colours(camera), !camera.is_usb));
     ranked
 }
 
@@ -105,7 +109,8 @@ mod tests {
     use rustix::io::Errno;
 
     use super::super::super::FrameRate;
-    use super::super::mode::{Mode, PixelFormat, Steps};
+    use super::super::layout::PixelFormat;
+    use super::super::mode::{Mode, Steps};
     use super::*;
 
     const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
@@ -116,25 +121,32 @@ mod tests {
         let driver = "uvcvideo".to_owned();
         let links = vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()];
         let modes = format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect();
-        Camera { node, card: card.to_owned(), driver, is_usb: number > 0, links, modes }
+        let card = card.to_owned();
+        Camera { node, card, driver, is_usb: number > 0, links, modes, other_formats: Vec::new() }
     }
 
     fn four() -> Vec<Camera> {
         vec![
-            camera(0, "Loopback", Some(PixelFormat::Yuyv)),
+            camera(0, "Loopback", Some(PixelFormat::YUYV)),
             camera(1, "HD Webcam C615", None),
-            camera(2, "HD Webcam C615", Some(PixelFormat::Yuyv)),
-            camera(4, "Infrared Camera", Some(PixelFormat::Grey)),
+            camera(2, "HD Webcam C615", Some(PixelFormat::YUYV)),
+            camera(4, "Infrared Camera", Some(PixelFormat::GREY)),
         ]
     }
 
     #[test]
     fn auto_tries_usb_cameras_first_and_those_that_failed_last_and_a_name_those_that_it_is_part_of() {
-        let grey = Some(PixelFormat::Grey);
-        let nv12 = Some(PixelFormat::Nv12);
+        let grey = Some(PixelFormat::GREY);
+        let nv12 = Some(PixelFormat::NV12);
         let table: [(&[&str], _, _, &[&str], _); 9] = [
-            (&[], "auto", None, &["2", "4", "0"], "a node without a usable mode is left out"),
-            (&["2"], "auto", None, &["4", "0", "2"], "one failed"),
+            (
+                &[],
+                "auto",
+                None,
+                &["2", "0", "4"],
+                "a node without a usable mode is left out, and an infrared one is last",
+            ),
+            (&["2"], "auto", None, &["0", "4", "2"], "one failed"),
             (&["4", "2", "0"], "auto", None, &["4", "2", "0"], "all failed"),
             (&[], "auto", grey, &["4"], "of the format"),
             (&[], "auto", nv12, &[], "no camera has the format"),
@@ -167,7 +179,7 @@ mod tests {
         ];
         for (first, outcomes, expected, expected_tries) in table {
             let outcomes: Vec<_> = (first..).zip(outcomes.chars()).collect();
-            let camera = |(number, _): &(u32, char)| camera(*number, "Webcam", Some(PixelFormat::Yuyv));
+            let camera = |(number, _): &(u32, char)| camera(*number, "Webcam", Some(PixelFormat::YUYV));
             let found = Found { cameras: outcomes.iter().map(camera).collect(), refused: Vec::new() };
             let mut tried = Vec::new();
             let told = start_one(found, "auto", &WISH, |node, note| {

@@ -23,6 +23,7 @@ use v4l::io::traits::{CaptureStream, Stream};
 
 use super::super::{CaptureError, FrameFault};
 use super::probe::guarded;
+use crate::clock::monotonic_us;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
 pub(super) const BUFFERS: u32 = 4;
@@ -40,7 +41,8 @@ pub(super) fn start(device: &Device, path: &Path) -> Result<MappedStream<'static
     mapped.set_timeout(START_TIMEOUT);
     if let Err(error) = mapped.next().map(|_| ()) {
         release(mapped, path)?;
-        let is_silent = error.kind() == io::ErrorKind::TimedOut;
+        // The error of the v4l crate for a camera that sends nothing has no number. That of a driver has one.
+        let is_silent = error.kind() == io::ErrorKind::TimedOut && error.raw_os_error().is_none();
         return Err(if is_silent { CaptureError::stalled(START_TIMEOUT) } else { fail(error) });
     }
     Ok(mapped)
@@ -70,14 +72,19 @@ pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), Captu
     Ok(())
 }
 
-pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
+/// Waits for a frame. Returns when the wait began, or `None` if a frame was there already.
+pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<Option<u64>, CaptureError> {
+    if is_ready(handle, Duration::ZERO)? {
+        return Ok(None);
+    }
+    let begun_us = monotonic_us();
     let deadline = Instant::now() + timeout;
     while !is_ready(handle, deadline.saturating_duration_since(Instant::now()))? {
         if Instant::now() >= deadline {
             return Err(CaptureError::stalled(timeout));
         }
     }
-    Ok(())
+    Ok(Some(begun_us))
 }
 
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.
@@ -99,6 +106,9 @@ pub(super) fn failed_stream(error: &io::Error) -> CaptureError {
 pub(super) fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], FrameFault> {
     if meta.flags.contains(Flags::ERROR) {
         return Err(FrameFault::Marked);
+    }
+    if meta.bytesused == 0 {
+        return Err(FrameFault::Empty);
     }
     usize::try_from(meta.bytesused).ok().and_then(|used| bytes.get(..used)).ok_or(FrameFault::Incomplete)
 }
@@ -125,6 +135,7 @@ mod tests {
         let shown = |flags, bytesused| filled(&[7; 100], &meta(flags, bytesused)).map(<[u8]>::len);
         assert_eq!(shown(Flags::empty(), 60), Ok(60));
         assert_eq!(shown(Flags::empty(), 101), Err(FrameFault::Incomplete));
+        assert_eq!(shown(Flags::empty(), 0), Err(FrameFault::Empty));
         assert_eq!(shown(Flags::ERROR, 60), Err(FrameFault::Marked));
         let times_us = |flags| [3_000_000, 1_000_000].map(|now_us| captured_us(&meta(flags, 0), now_us));
         assert_eq!(times_us(Flags::TIMESTAMP_MONOTONIC), [Some(2_000_500), Some(1_000_000)]);

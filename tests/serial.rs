@@ -221,12 +221,17 @@ fn without_a_board_the_service_says_so_once_and_counts_nothing_as_dropped() {
 }
 
 #[test]
-fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
-    let file = settings(&demo("[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
-    for command in ["run", "check"] {
-        let run = Run::of(&mut facewire([command, "--config", text(file.path())]));
-        assert!(run.sentence(68).starts_with("link nowhere.invalid:5252: the host does not resolve"), "{}", run.err);
-    }
+fn a_host_that_does_not_resolve_is_an_error_of_check_and_run_waits_for_it_also_as_the_only_link() {
+    let toml = "[[link]]\naddress = \"nowhere.invalid:5252\"\n";
+    let file = settings(&demo(toml));
+    let check = Run::of(&mut facewire(["check", "--config", text(file.path())]));
+    assert!(check.sentence(68).starts_with("link nowhere.invalid:5252: the host does not resolve"), "{}", check.err);
+    let service = serve(toml);
+    service.await_log("no link nowhere.invalid:5252: the host does not resolve (");
+    // It looks the name up every second at least, and says so once.
+    eventually("dropped packets", || counted(&service.status(), "dropped") > 60);
+    let log = service.stopped();
+    assert_eq!(log.matches("does not resolve").count(), 1, "{log}");
 }
 
 #[test]

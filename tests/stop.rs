@@ -106,6 +106,20 @@ fn a_release_is_done_only_once_every_board_has_acknowledged_it_and_names_those_t
 }
 
 #[test]
+fn a_maestro_that_has_lost_commands_has_not_acknowledged_a_release() {
+    // It does not know the command that sets several targets, and says so in each answer.
+    let small = Maestro::plugged_in(Model::MICRO_6);
+    let link = link_of(&small.device, &[0, 1])
+        .replace("kind = \"maestro\"\n", "kind = \"maestro\"\nmultiple_targets = true\n");
+    let head = Head::start(&[link]);
+    eventually("an answer of the board", || {
+        let answer = head.release();
+        let refusal = answer["refused"].as_str().unwrap_or_else(|| panic!("nothing was released: {answer}"));
+        refusal.contains("it received a command that it does not know")
+    });
+}
+
+#[test]
 fn a_service_that_starts_again_says_that_servos_are_released_and_another_service_does_not_obey() {
     let maestro = Maestro::plugged_in(Model::MINI_24);
     let other = Maestro::plugged_in(Model::MINI_24);

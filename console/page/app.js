@@ -52,6 +52,7 @@ function Tabs({ page }) {
 }
 
 const release = (on) => postFirst("servos/release", { on });
+const letMove = () => release(false).then(() => update({ stopTrouble: undefined }));
 // How often the page asks whether its session goes on.
 const SESSION_PERIOD_MS = 5000;
 
@@ -106,13 +107,17 @@ function isStop({ key, target }) {
 function released({ links, driven, released_unix_s: since, release_not_kept: notKept }) {
   const at = since ? ` since ${new Date(1000 * since).toLocaleTimeString()}` : "";
   const boards = (links ?? []).filter((link) => link.released !== undefined);
-  const isJogged = ({ channels }) => driven && channels.some(({ pulse_us }) => pulse_us !== null);
+  const isJogged = ({ open, channels }) => open && driven && channels.some(({ pulse_us }) => pulse_us !== null);
   const state = (board) => {
     if (board.released) return board.stop;
     return html`<strong>${isJogged(board) ? "a servo is moved by hand" : "not reached: switch its supply off"}</strong>`;
   };
-  const isWhole = boards.every((board) => board.released || isJogged(board));
-  return html`${isWhole ? `All servos are released${at}.` : `Not all servos are released: STOP holds${at}.`} ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}
+  const headline = boards.every((board) => board.released)
+    ? `All servos are released${at}.`
+    : boards.every((board) => board.released || isJogged(board))
+      ? `STOP holds${at} but for a servo in the hand.`
+      : `Not all servos are released: STOP holds${at}.`;
+  return html`${headline} ${boards.map((board) => html`<br />${board.name}: ${state(board)}`)}
     ${notKept && html`<br /><strong>${notKept}. Switch the supply off before a restart.</strong>`}`;
 }
 
@@ -127,7 +132,7 @@ function Banners({ page }) {
       banner(
         "bad released",
         released(status.service),
-        html`<${Action} kind="primary" run=${() => release(false)}>Let servos move again<//>`,
+        html`<${Action} kind="primary" run=${letMove}>Let servos move again<//>`,
       )
     }
     ${

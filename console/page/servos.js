@@ -110,7 +110,7 @@ export function Servos() {
     <div class="panel row spread" id="arming">
       <p>${
         drive.isArmed
-          ? html`<b class="state-bad">Armed.</b> ${status?.service?.released ? "A slider moves its servo, and all others stay released." : "Sliders move servos."}`
+          ? html`<b class="state-bad">Armed.</b> ${status?.service?.released ? "A slider moves its servo, and all others stay as STOP has left them." : "Sliders move servos."}`
           : "Sliders move nothing before you arm. Keep hands away from the mechanism."
       }</p>
       ${
@@ -124,7 +124,7 @@ export function Servos() {
         html`<label class="check"><${Check} value=${othersFollow} keep=${setOthersFollow} />Other boards follow the face meanwhile</label>`
       }
     </div>
-    ${ended && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
+    ${ended && !status?.service?.released && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
     ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a
       href="#start">Start</a> offers the boards that are plugged in. Add a line of bus servos (bus-servo) or a DMX universe (sacn, artnet) as
       a link in the <a href="#links">settings</a>.</p>`}

@@ -301,8 +301,8 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
     head.browser.click("Ends, speed and more");
     head.choose("Servo 1", "Place at end 1", "190.5");
     head.look("a bus servo with new ends");
-    // The servo that does not answer may have torque.
-    head.browser.wait_for_text("servos are released");
+    // The servo that does not answer may have torque, and the one in the hand has.
+    head.browser.wait_for_text("STOP holds");
     head.browser.click("Let servos move again");
     head.keep();
     let ends = "position_at_0 = 177.5\nposition_at_1 = 190.5\n";

@@ -413,7 +413,8 @@ fn a_servo_is_moved_by_hand_while_all_are_released_before_the_face_ever_moves_it
     eventually("a servo that is moved by hand", || {
         browser.drive(&element(SLIDER), 0.5);
         browser.await_statuses(browser.statuses() + 2);
-        let sentences = ["A slider moves its servo, and all others stay released.", "a servo is moved by hand"];
+        let sentences =
+            ["A slider moves its servo, and all others stay as STOP has left them.", "a servo is moved by hand"];
         let shown = browser.value("document.body.innerText");
         sentences.iter().all(|sentence| shown.as_str().unwrap().contains(sentence))
     });

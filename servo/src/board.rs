@@ -79,7 +79,9 @@ impl Dials {
             let same = other.channels.iter().find(|same| same.number == dial.number);
             dial.start.set(same.and_then(|same| same.left.get().or(same.start.get())));
         }
-        self.keep_still(other.is_still.load(Relaxed));
+        // A channel that was jogged stays where it is, too: its position may be another place now.
+        let is_jogged = other.channels.iter().any(|dial| dial.jog.get().is_some());
+        self.keep_still(is_jogged || other.is_still.load(Relaxed));
     }
 
     /// Keeps the channels where they are while an operator drives, or not.
@@ -238,6 +240,34 @@ mod tests {
         };
         assert_eq!(place(&mut board, 400), [1400.0, 1000.0], "a new channel begins at its neutral position");
         assert_eq!(place(&mut board, 500), [1480.0, 1100.0]);
+    }
+
+    #[test]
+    fn a_board_that_is_jogged_stays_where_it_is_when_a_reload_replaces_it() {
+        let settings = |pulse_at_1_us| {
+            let rest = ChannelSettings { channel: 1, neutral: 0.5, pulse_at_1_us, ..ChannelSettings::default() };
+            [ChannelSettings { sources: valued(&[("jawOpen", 1.0)]), ..rest }]
+        };
+        let operator = Arc::<Operator>::default();
+        operator.is_driven.store(true, Relaxed);
+        let mut now = Instant::now();
+        let mut place = |board: &mut Board, dials: &Dials| {
+            for _ in 0..200 {
+                now += std::time::Duration::from_millis(20);
+                board.follow(&Packet { state: State::Live, ..Packet::NEUTRAL }, now);
+            }
+            dials.channels[0].place.get()
+        };
+        let before = Arc::new(Dials::new(&settings(2000), &operator));
+        let mut board = Board::new(&settings(2000), &before);
+        before.jog(Some((1, 1.0)));
+        assert_eq!(place(&mut board, &before), Some(2000.0));
+        let after = Arc::new(Dials::new(&settings(2100), &operator));
+        after.begin_at(&before);
+        let mut board = Board::new(&settings(2100), &after);
+        assert_eq!(place(&mut board, &after), Some(2000.0), "it has left the hand");
+        operator.is_driven.store(false, Relaxed);
+        assert_eq!(place(&mut board, &after), Some(1000.0), "it follows the face again");
     }
 
     #[test]

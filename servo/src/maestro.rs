@@ -265,6 +265,13 @@ pub fn errors(answer: [u8; ANSWER_BYTES]) -> Result<impl Iterator<Item = &'stati
     Ok(ERRORS.into_iter().enumerate().filter(move |(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error))
 }
 
+/// Whether the Maestro has obeyed all commands by this answer: none was lost on its line or in its buffer, or refused.
+#[must_use]
+pub const fn has_obeyed(answer: [u8; ANSWER_BYTES]) -> bool {
+    const LOST_COMMANDS: u16 = 0b1_1111;
+    u16::from_le_bytes(answer) & LOST_COMMANDS == 0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -91,6 +91,11 @@ impl DeliveryCounter {
         }
     }
 
+    /// Begins anew after a frame whose time is not known.
+    pub(super) fn interrupt(&mut self) {
+        self.last = None;
+    }
+
     /// Returns the counts of a window when it is complete, and begins the next one. Returns `None` if every frame of the
     /// window waited long.
     pub(super) fn take(&mut self) -> Option<Delivery> {

@@ -23,6 +23,12 @@ pub enum CaptureError {
     /// There is no such camera, or the path leads to something else. A search passes over it.
     #[error("{0}")]
     Absent(String),
+    /// The camera has another interface of the kernel than the one that is read. A search names it if there is no other camera.
+    #[error(
+        "{path} ({card}) gives its pictures in several planes, which facewire does not read; use a USB camera, or pass its \
+         pictures on to a v4l2loopback device as YUYV"
+    )]
+    MultiPlanar { path: String, card: String },
     /// The camera or the file is there, but cannot be used now. A search tells of it.
     #[error("{0}")]
     Unusable(String),
@@ -72,13 +78,6 @@ impl CaptureError {
 
     pub(super) fn not_a_camera(path: &impl Display) -> Self {
         Self::Absent(format!("{path} is not a camera that captures pictures; `facewire devices` lists those that do"))
-    }
-
-    pub(super) fn multi_planar(path: &impl Display, card: &str) -> Self {
-        Self::Unusable(format!(
-            "{path} ({card}) gives its pictures in several planes, which facewire does not read; use a USB camera, or pass \
-             its pictures on to a v4l2loopback device as YUYV"
-        ))
     }
 
     pub(super) fn stalled(waited: Duration) -> Self {
@@ -137,7 +136,7 @@ impl FrameFault {
                 "check the camera's cable and USB bandwidth"
             }
             Self::Empty => {
-                "its driver fills no buffer: set another camera.format or size, or look at the program that feeds it"
+                "its driver delivers empty buffers: set another camera.format or size, or check the program that feeds it"
             }
             Self::TooLarge | Self::WrongSize { .. } | Self::Layout => "set another camera.format or size",
         }

@@ -132,9 +132,9 @@ pub struct Tally {
     pub for_newer: u32,
     /// Frames left out because the reader wanted a later one ([`Source::leave_out_until`]).
     pub left_out: u32,
-    /// Frames whose time of arrival counts, because the time that the driver states cannot be true.
+    /// Frames whose time of arrival is used, because their driver timestamp cannot be true.
     pub mistimed: u32,
-    /// Whether that has become so for all frames of this camera.
+    /// Whether the driver's timestamps have been given up for this camera.
     pub has_false_clock: bool,
     pub decoding: Duration,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.

@@ -44,6 +44,7 @@ pub fn run(as_json: bool) -> Result<(), Failure> {
     if found.cameras.is_empty() {
         text += "no camera\n";
     }
+    text.extend(found.multi_planar.iter().map(|unread| format!("not read: {unread}\n")));
     text.extend(found.refused.iter().map(|refused| format!("not examined: {refused}\n")));
     text.extend(ports.iter().map(Port::lines));
     if ports.is_empty() {
@@ -80,7 +81,7 @@ fn listed(found: &Found, ports: &[Port]) -> Value {
         })
     };
     let cameras: Vec<Value> = found.cameras.iter().map(camera).collect();
-    let not_examined: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
+    let not_examined: Vec<String> = found.multi_planar.iter().chain(&found.refused).map(ToString::to_string).collect();
     // What is connected to a bus is not asked: some chips take any question for a command.
     let buses: Vec<u32> = (0..256).filter(|bus| Path::new(&format!("/dev/i2c-{bus}")).exists()).collect();
     json!({ "cameras": cameras, "not_examined": not_examined, "serial_ports": ports, "i2c_buses": buses })
@@ -91,9 +92,7 @@ fn camera_lines(camera: &Camera) -> String {
     text.extend(camera.links.iter().map(|link| format!("  stable path {}\n", link.display())));
     text.extend(camera.modes.iter().map(|mode| format!("  {mode}\n")));
     if camera.modes.is_empty() {
-        let others = camera.other_formats.join(", ");
-        let others = if others.is_empty() { "none".to_owned() } else { others };
-        text += &format!("  no format that facewire reads, but {others}\n");
+        text += &format!("  {}\n", camera.unread());
     }
     text
 }

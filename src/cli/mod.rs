@@ -130,8 +130,7 @@ impl SettingsArgs {
         config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }
 
-    /// The links in the last settings of this file with which a service has run. What they say about the folder where these are
-    /// kept is used even if they have faults.
+    /// The links in the last settings of this file with which a service has run.
     fn last_good_links(&self) -> Vec<LinkSettings> {
         let Some(path) = &self.config else { return Vec::new() };
         let kept = Kept::new(path.to_str()).settings();
@@ -184,9 +183,9 @@ impl Command {
     }
 }
 
-/// Releases the servos of all links, and fails if a board does not acknowledge that. Nothing that it prints holds up a release. The last settings
-/// of this file with which a service has run say where servos are, too: the present ones may have faults, or be newer than
-/// the pulses.
+/// Releases the servos of all links, and fails if a board does not acknowledge that. Nothing that it prints holds up a release.
+/// The last settings of this file with which a service has run say where servos are, too: the present ones may have faults,
+/// or be newer than the pulses.
 fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
     let loaded = arguments.load();
     let links = loaded.as_ref().map_or_else(|_| Vec::new(), |settings| settings.links.clone());
@@ -196,8 +195,9 @@ fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
     let mut troubles = Vec::new();
     // If nobody takes the words, they hold up no release.
     let warn = |words: String| drop(thread::spawn(move || say(&words)));
-    // One after the other, because both may lead to one port by different names or channels.
-    for (link, outcome) in [links, former].iter().flat_map(|links| release_servos(links, warn)) {
+    // One after the other, because both may lead to one port by different names or channels. Those that a service has used come
+    // first: their servos may have power.
+    for (link, outcome) in [former, links].iter().flat_map(|links| release_servos(links, warn)) {
         match outcome {
             Ok(()) => released += &format!("{link}: released\n"),
             Err(trouble) => troubles.push(trouble),
@@ -215,7 +215,7 @@ fn rest(arguments: &SettingsArgs) -> Result<(), Failure> {
 fn has_servos_of(link: &LinkSettings, former: &LinkSettings) -> bool {
     let [channels, former_channels] = [link, former].map(|link| link.kind.channels().map_or(&[][..], Vec::as_slice));
     let has = |number| channels.iter().any(|channel| channel.channel == number);
-    link.to_string() == former.to_string() && former_channels.iter().all(|channel| has(channel.channel))
+    link.kind.has_same_board(&former.kind) && former_channels.iter().all(|channel| has(channel.channel))
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

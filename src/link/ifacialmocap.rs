@@ -1,11 +1,12 @@
 //! The receivers of iFacialMocap, each of which asks for the face and gets it in the version that it has asked for.
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
-//! system reports that its machine refuses datagrams, because nobody listens there. One that has been away so for some
-//! seconds is dropped. Other errors are those of the network in between, and the receiver gets the face again once it is back.
+//! system reports that its machine refuses datagrams, because nobody listens there. A receiver that has been refusing for some
+//! seconds is dropped. Other errors are those of the network in between, or of an address that this machine has lost: the
+//! receiver gets a new socket, and the face again once the network is back.
 
 use std::fmt;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,7 @@ const RECENT: Duration = Duration::from_mins(1);
 /// While a receiver is away, the system reports it at least this often: with every second datagram.
 const REPORT_PERIOD: Duration = Duration::from_millis(500);
 const LONGEST_AWAY: Duration = Duration::from_secs(3);
+const REOPEN_PERIOD: Duration = Duration::from_secs(1);
 /// Most lines of the log in a period. The last of them says that the log will be silent.
 const MOST_LINES: u32 = 20;
 const LOG_PERIOD: Duration = Duration::from_mins(10);
@@ -32,9 +34,34 @@ struct Subscriber {
     socket: UdpSocket,
     version: u32,
     asked: Instant,
+    /// When the network last took a datagram, and when the socket was opened.
+    sent: Instant,
+    opened: Instant,
     /// When the system last reported that the receiver is away, and since when it has reported that again and again.
     refused: Instant,
     away_since: Instant,
+}
+
+impl Subscriber {
+    /// Replaces the socket, at most once a second. A socket keeps the address from which it sends, which this machine may have lost.
+    fn reopen(&mut self, now: Instant) {
+        if now.saturating_duration_since(self.opened) >= REOPEN_PERIOD
+            && let Ok(socket) = connected(self.address)
+        {
+            self.socket = socket;
+            self.opened = now;
+        }
+    }
+
+    fn is_reached(&self, now: Instant) -> bool {
+        now.saturating_duration_since(self.sent) <= RECENT
+    }
+}
+
+fn connected(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = socket_for(address, None)?;
+    socket.connect(address)?;
+    Ok(socket)
 }
 
 /// Datagrams to those who asked for them.
@@ -107,24 +134,25 @@ impl Server {
         if let Some(known) = self.subscribers.iter_mut().find(|subscriber| subscriber.address == address) {
             known.asked = now;
             known.version = version;
+            known.reopen(now);
             return;
         }
         let is_full = self.subscribers.len() == MOST_SUBSCRIBERS;
-        let oldest = self.subscribers.iter().enumerate().min_by_key(|(_, it)| it.asked).filter(|_| is_full);
+        let oldest = self.subscribers.iter().enumerate().min_by_key(|(_, it)| (it.is_reached(now), it.asked));
+        let oldest = oldest.filter(|_| is_full);
         if oldest.is_some_and(|(_, oldest)| now.saturating_duration_since(oldest.asked) <= RECENT) {
             return;
         }
         let replaced = oldest.map(|(index, _)| index);
         // A receiver that this machine cannot reach gets no place.
-        let Ok(socket) = socket_for(address, None).and_then(|socket| socket.connect(address).map(|()| socket)) else {
-            return;
-        };
+        let Ok(socket) = connected(address) else { return };
         self.log(now, format_args!("{address} asks for the face and gets it"));
         replaced.map(|index| self.subscribers.remove(index));
-        self.subscribers.push(Subscriber { address, socket, version, asked: now, refused: now, away_since: now });
+        let [asked, sent, opened, refused, away_since] = [now; 5];
+        self.subscribers.push(Subscriber { address, socket, version, asked, sent, opened, refused, away_since });
     }
 
-    /// Sends the text to all receivers, and drops those whose machine says that nobody listens any more. Returns whether it reached the network.
+    /// Sends the text to all receivers, and drops those whose machine says that nobody listens. Returns whether it reached the network.
     fn show(&mut self, text: &[u8], now: Instant) -> bool {
         let mut is_sent = false;
         for it in &mut self.subscribers {
@@ -132,9 +160,12 @@ impl Server {
             self.changed.extend_from_slice(text);
             set_version(&mut self.changed, it.version);
             match it.socket.send(&self.changed) {
-                Ok(_) => is_sent = true,
-                // Any other error is one of the network between, which may come back.
-                Err(error) if error.kind() != ErrorKind::ConnectionRefused => {}
+                Ok(_) => {
+                    is_sent = true;
+                    it.sent = now;
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) if error.kind() != ErrorKind::ConnectionRefused => it.reopen(now),
                 Err(_) => {
                     if now.saturating_duration_since(it.refused) > REPORT_PERIOD {
                         it.away_since = now;

@@ -60,6 +60,7 @@ pub struct Link {
     encoded_us: u64,
     /// Whether an operator had a say in it, and since when that is so, microseconds.
     was_operated: bool,
+    was_off: bool,
     operated_us: u64,
 }
 
@@ -163,6 +164,7 @@ impl Link {
             pace: Pace::default(),
             encoded_us: 0,
             was_operated: false,
+            was_off: false,
             operated_us: 0,
         })
     }
@@ -193,18 +195,14 @@ impl Link {
         Ok(settings.to_string())
     }
 
-    /// Returns an error if the link leads to a host name that does not resolve at this moment.
-    pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
-        settings.kind.address().map_or(Ok(()), |address| udp::resolve(&address).map(drop))
-    }
-
     /// Sends the output if it is due, which an operator of servos can bring forward. All settings but the kind may differ
     /// from those of the last call. Returns how long the link can wait for the next output, microseconds.
     pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
         let output = self.shown.next(settings, rates.slew_per_s, now_us, output);
         let (mut is_due, mut wait_us) = self.pace.step(settings, rates.send_hz, now_us, &output);
         let is_operated = self.panel.dials.is_operated();
-        if is_operated != self.was_operated {
+        let is_off = self.panel.dials.is_off();
+        if is_operated != self.was_operated || is_off != self.was_off {
             self.operated_us = now_us;
             is_due = true;
         }
@@ -216,6 +214,7 @@ impl Link {
         if is_due {
             self.encoded_us = now_us;
             self.was_operated = is_operated;
+            self.was_off = is_off;
             self.encode(&output);
         }
         self.panel.is_open.store(self.is_open(), Relaxed);
@@ -249,6 +248,10 @@ impl Link {
             return;
         }
         let is_off = panel.dials.is_off();
+        // What was acknowledged before this message no longer counts, even if the device takes the message late.
+        if !is_off {
+            panel.dials.note_released(false);
+        }
         let mut is_taken = true;
         encoder(&packet(output, self.sequence), output, &mut |message| {
             panel.traffic.packets.fetch_add(1, Relaxed);

@@ -27,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use facewire_board::serial_refusal;
-use facewire_servo::maestro::{ANSWER_BYTES, NONSENSE, Reminder, SILENCE, errors, preamble, question};
+use facewire_servo::maestro::{ANSWER_BYTES, NONSENSE, Reminder, SILENCE, errors, has_obeyed, preamble, question};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
@@ -48,7 +48,7 @@ const STUCK_AFTER: Duration = Duration::from_millis(500);
 const RESTART: Duration = Duration::from_secs(2);
 const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
-/// Share of a rate by which that of a driver may be wrong: both ends of a line together bear 3 to 5 percent.
+/// Largest tolerated error of the driver's rate, as a share: a line tolerates 3 to 5 percent between its two ends.
 const MOST_RATE_ERROR: f64 = 0.02;
 const CANNOT_BE_OPENED: &str = "cannot be opened";
 
@@ -130,8 +130,8 @@ fn log_opened(device: &Path, baud: u32, made: u32) {
     tracing::info!("link opened: {device} at {made} baud");
     if made.abs_diff(baud) > (f64::from(baud) * MOST_RATE_ERROR) as u32 {
         tracing::warn!(
-            "link {device}: its driver makes {made} baud in place of {baud}, which the other end may not understand; set \
-             the link and the other end to a rate that it makes, or use another adapter"
+            "link {device}: its driver runs at {made} baud instead of {baud}, so that the other end may not understand it; set \
+             both ends to a rate that the driver supports, or use another adapter"
         );
     }
 }
@@ -316,7 +316,10 @@ impl Line {
             match found {
                 Ok(found) => {
                     if port.is_asked_released {
-                        self.panel.dials.note_released(true);
+                        // What was lost may be the release: the next message repeats it.
+                        let has_obeyed = has_obeyed(answer);
+                        self.panel.dials.note_released(has_obeyed);
+                        port.is_released &= has_obeyed;
                     }
                     found.for_each(|error| port.warn(error, &self.panel));
                 }

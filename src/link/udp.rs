@@ -48,9 +48,10 @@ impl UdpCarrier {
     ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let from = panel.kind.universe().and_then(|(_, from)| from);
-        // The address to send from may appear later, like that of a host name.
-        let lookup = if let (Ok(receiver), None) = (address.as_str().parse(), from) {
-            input.write(Some(open(address, receiver, None)?));
+        // The address to send from may appear later, like that of a host name, and so may the right to use the network.
+        let literal = address.as_str().parse().ok().filter(|_| from.is_none());
+        let lookup = if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None).ok()) {
+            input.write(Some(destination));
             None
         } else {
             let (wake, woken) = sync_channel(1);
@@ -123,7 +124,7 @@ pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<(), LinkErro
     })
 }
 
-pub fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
+fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
     choose(address, system_resolver(address), None)
 }
 

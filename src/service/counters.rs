@@ -218,7 +218,7 @@ impl Counters {
             counter "frames_skipped" "" "Frames skipped for a newer frame." = count("skipped", &self.skipped);
             counter "frames_left_out" "" "Frames left out by the present step of the pipeline."
                 = count("left_out", &self.left_out);
-            counter "frames_mistimed" "" "Frames whose time by the camera's driver cannot be true; their arrival counts."
+            counter "frames_mistimed" "" "Frames whose driver timestamp cannot be true; their time of arrival is used instead."
                 = count("mistimed", &self.mistimed);
             counter "deadline_misses" "" "Frames that took longer than the time to the next frame that the step takes."
                 = count("deadline_misses", &self.deadline_misses);

@@ -145,16 +145,12 @@ struct Linked {
 }
 
 impl Links {
-    /// Opens the links in `new` of which `live` has no panel. A host name that does not resolve is an error only for a new
-    /// link that is the only one: the service then has nothing else to do, and its manager starts it again.
+    /// Opens the links in `new` of which `live` has no panel. One whose host or device is away waits for it.
     pub(super) fn change(new: &Settings, mut live: Vec<Arc<Panel>>, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let open = |settings: &LinkSettings| {
             let settings = settings.clone();
             if let Some(index) = live.iter().position(|panel| panel.kind == settings.kind) {
                 return Ok(Linked { settings, panel: live.remove(index), link: None, replaced: None });
-            }
-            if new.links.len() == 1 {
-                Link::resolve(&settings)?;
             }
             let replaced = live.iter().position(|panel| panel.kind.has_same_board(&settings.kind));
             let replaced = replaced.map(|index| live.remove(index));

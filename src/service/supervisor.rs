@@ -171,8 +171,8 @@ impl Log {
                 self.blind_reasons = LoggedReasons::default();
             }
             Event::FalseClock => tracing::warn!(
-                "the times that the driver of the camera gives its frames cannot be true: from now on a frame counts as \
-                 captured when it arrives, so that its age is a little too short; a newer driver or another camera may cure that"
+                "the camera driver's timestamps cannot be true: from now on each frame is dated by its arrival, so that its age is \
+                 slightly underestimated; a newer driver or another camera may help"
             ),
             Event::Blind(what, reason) => {
                 if self.blind_reasons.is_new(&reason) {

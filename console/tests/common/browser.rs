@@ -147,6 +147,8 @@ impl Browser {
         let mut command = Command::new("sh");
         command.args(["-c", START, "sh"]).args(ARGUMENTS).args(graphics);
         command.arg(format!("--user-data-dir={}", folder.path().join("profile").display()));
+        // It leaves files in the folder for temporary files.
+        command.env("TMPDIR", folder.path());
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let (sender, messages) = mpsc::channel();
         let answers = BufReader::new(child.stdout.take().unwrap());

@@ -61,8 +61,8 @@ impl PixelFormat {
     pub const JPEG: Self = Self::new("JPEG", Samples::Jpeg);
     pub const GREY: Self = Self::new("GREY", Samples::Grey);
 
-    /// All formats in order of preference. Raw formats come first because they need no decoding, and grey comes last
-    /// because the networks were trained on colour.
+    /// All formats in order of preference. Raw formats with luma come first because they need no decoding. RGB, which few cameras
+    /// send by themselves, comes after JPEG. Grey comes last because the networks were trained on colour.
     pub const ALL: [Self; 31] = [
         Self::YUYV,
         Self::NV12,

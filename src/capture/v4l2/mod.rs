@@ -90,8 +90,10 @@ impl CameraSource {
         let Camera { node, card, .. } = camera;
         let store = Store::new(set_format(&device, &node, choice)?)?;
         let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
+        let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
+        let mapped = stream::start(&device, &node)?;
         Ok(Self {
-            mapped: Some(stream::start(&device, &node)?),
+            mapped: Some(mapped),
             handle: device.handle(),
             store,
             origin: format!("{card} ({}{note})", node.display()),
@@ -101,9 +103,9 @@ impl CameraSource {
             has_smaller_mode,
             taken: 0,
             wanted_us: 0,
-            clock: DriverClock::default(),
+            clock: DriverClock::new(period_us, monotonic_us()),
             tally: Tally::default(),
-            delivery: DeliveryCounter::new(rate.unwrap_or(FrameRate::FPS_30).period_us()),
+            delivery: DeliveryCounter::new(period_us),
             shown: 0,
             has_failed: false,
         })
@@ -117,7 +119,7 @@ impl CameraSource {
     fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
         let handle = &self.handle;
         let timeout = self.timeout;
-        let mut waited_since_us = wait(handle, timeout)?;
+        wait(handle, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
         let mut skipped = 0;
@@ -129,10 +131,11 @@ impl CameraSource {
             let now_us = monotonic_us();
             self.taken += 1;
             let stated_us = captured_us(meta, now_us);
-            let believed_us = stated_us.and_then(|stated_us| self.clock.judge(stated_us, waited_since_us));
+            let believed_us = stated_us.and_then(|stated_us| self.clock.judge(stated_us, now_us));
             if let Some(captured_us) = believed_us {
                 self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
             } else if stated_us.is_some() {
+                self.delivery.interrupt();
                 self.tally.mistimed += 1;
                 self.tally.has_false_clock |= self.clock.is_given_up();
             }
@@ -140,16 +143,11 @@ impl CameraSource {
             if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
                 left_out += 1;
                 self.tally.left_out += 1;
-                waited_since_us = wait(handle, timeout)?;
+                wait(handle, timeout)?;
                 continue;
             }
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
-            let mut has_newer = is_ready(handle, Duration::ZERO)?;
-            waited_since_us = None;
-            if is_stale && !has_newer {
-                waited_since_us = Some(monotonic_us());
-                has_newer = is_ready(handle, take(&mut patience))?;
-            }
+            let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
                 let begun = Instant::now();
                 let kept = filled(bytes, meta).and_then(|bytes| self.store.keep(bytes));
@@ -166,10 +164,12 @@ impl CameraSource {
     }
 
     /// Makes room for images of another size than the driver has announced, such as those of 1088 rows in place of 1080. Once a
-    /// picture was shown, another size counts as damage.
+    /// picture was shown, another size counts as damage, and a far larger one always does.
     fn fit_store(&mut self, fault: FrameFault) {
         if let FrameFault::WrongSize { width, height } = fault
             && self.shown == 0
+            && width <= 2 * self.store.layout.width
+            && height <= 2 * self.store.layout.height
             && let Ok(store) = Store::new(Layout { width, height, ..self.store.layout })
         {
             self.store = store;

@@ -49,6 +49,8 @@ pub struct Camera {
 pub struct Found {
     /// In order of the numbers of their nodes.
     pub cameras: Vec<Camera>,
+    /// Cameras that give their pictures in several planes.
+    pub multi_planar: Vec<CaptureError>,
     /// Errors of the video devices that could not be examined, such as a missing permission.
     pub refused: Vec<CaptureError>,
 }
@@ -57,16 +59,21 @@ impl Camera {
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
         let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name).collect();
         offered.dedup();
-        let others = self.other_formats.join(", ");
-        let offered = match (offered.is_empty(), others.is_empty()) {
-            (true, true) => "none that is supported".to_owned(),
-            (true, false) => format!("none that is supported, but {others}"),
-            (false, _) => offered.join(", "),
-        };
-        let wanted = wish.format.map_or("a format that facewire reads", |format| format.name);
-        let remedy =
-            format!("set camera.format = \"auto\" for those that it offers ({offered}), or use another camera");
-        CaptureError::Unusable(format!("{} does not offer {wanted}; {remedy}", self.node.display()))
+        let node = self.node.display();
+        CaptureError::Unusable(match wish.format.filter(|_| !offered.is_empty()) {
+            Some(PixelFormat { name, .. }) => format!(
+                "{node} does not offer {name}; set camera.format = \"auto\" for those that it offers ({}), or use another \
+                 camera",
+                offered.join(", ")
+            ),
+            None => format!("{node} offers {}; use another camera", self.unread()),
+        })
+    }
+
+    /// Says that none of its formats is read.
+    pub fn unread(&self) -> String {
+        let others = if self.other_formats.is_empty() { "none".to_owned() } else { self.other_formats.join(", ") };
+        format!("no format that facewire reads (it has {others})")
     }
 }
 
@@ -77,6 +84,7 @@ impl Found {
             Ok(camera) if NO_CAMERAS.contains(&camera.driver.as_str()) => {}
             Ok(camera) => self.cameras.push(camera),
             Err(CaptureError::Absent(_) | CaptureError::Gone) => {}
+            Err(error @ CaptureError::MultiPlanar { .. }) => self.multi_planar.push(error),
             Err(error) => self.refused.push(error),
         }
     }
@@ -101,7 +109,9 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
         let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
             // A camera that offers only unsupported formats is listed without modes.
             Identity::Camera { card, driver, is_usb } if device.format().is_ok() => (card, driver, is_usb),
-            Identity::MultiPlanar { card } => return Err(CaptureError::multi_planar(&path.display(), &card)),
+            Identity::MultiPlanar { card } => {
+                return Err(CaptureError::MultiPlanar { path: path.display().to_string(), card });
+            }
             _ => return Err(CaptureError::not_a_camera(&path.display())),
         };
         let links = LINK_FOLDERS.iter().flat_map(|folder| links_to(&node, folder.as_ref())).collect();
@@ -202,9 +212,8 @@ fn rates(interval: &FrameIntervalEnum) -> Option<Rates> {
         FrameIntervalEnum::Stepwise(steps) => (&steps.min, &steps.max),
     };
     let fastest = rate(shortest)?;
-    // Many drivers state an absurd longest interval, such as 2^32 - 1 s. Without a length it says nothing.
-    let has_length = longest.numerator > 0 && longest.denominator > 0;
-    let slowest = rate(longest).unwrap_or(if has_length { FrameRate::SLOWEST } else { fastest });
+    // Many drivers state an absurd longest interval, such as 2^32 - 1 s, or 1/0 s. Without a numerator it says nothing.
+    let slowest = rate(longest).unwrap_or(if longest.numerator > 0 { FrameRate::SLOWEST } else { fastest });
     Some(Rates { slowest, fastest })
 }
 

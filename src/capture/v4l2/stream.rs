@@ -23,7 +23,6 @@ use v4l::io::traits::{CaptureStream, Stream};
 
 use super::super::{CaptureError, FrameFault};
 use super::probe::guarded;
-use crate::clock::monotonic_us;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
 pub(super) const BUFFERS: u32 = 4;
@@ -72,19 +71,14 @@ pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), Captu
     Ok(())
 }
 
-/// Waits for a frame. Returns when the wait began, or `None` if a frame was there already.
-pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<Option<u64>, CaptureError> {
-    if is_ready(handle, Duration::ZERO)? {
-        return Ok(None);
-    }
-    let begun_us = monotonic_us();
+pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
     let deadline = Instant::now() + timeout;
     while !is_ready(handle, deadline.saturating_duration_since(Instant::now()))? {
         if Instant::now() >= deadline {
             return Err(CaptureError::stalled(timeout));
         }
     }
-    Ok(Some(begun_us))
+    Ok(())
 }
 
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.

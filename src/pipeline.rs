@@ -97,7 +97,7 @@ impl Pipeline {
     /// that it finds another face in the next picture.
     pub fn process<'a>(&'a mut self, frame: &Frame<'a>) -> Processed<'a> {
         let mut times = StageTimes::default();
-        let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
+        let camera = frame.camera(self.horizontal_fov_deg);
         let solver = &mut self.solver;
         let solved = match find(self.tracker.as_mut(), &mut times, frame) {
             Ok(Some(face)) => {

@@ -130,6 +130,12 @@ fn darkness_is_told_where_the_noise_of_dim_light_makes_the_coefficients_poor() {
 }
 
 #[test]
+fn a_face_whose_upper_half_is_covered_is_doubted() {
+    let covered = DEMO.taken(|photo, face| photo.clone().covered(face, [0.0, 0.55]));
+    assert_eq!(covered.told().to_string(), "doubtful-face");
+}
+
+#[test]
 fn darkness_is_told_without_a_face_and_a_black_picture_is_told_as_black() {
     let film = &*DEMO;
     let dark = film.in_light(0.06, DIM / 4.0);
@@ -219,6 +225,10 @@ fn figures() {
             [0.0, 0.05, 0.1, 0.15, 0.2, 0.3].iter().flat_map(|share| [0, 1, 2, 3].map(|side| (share, side)))
         {
             tell(format!("{share} cut off on side {side}"), &film.cut_off(side, *share));
+        }
+        tell("upside down".to_owned(), &film.taken(|photo, _| photo.upside_down()));
+        for part in [[0.0, 0.55], [0.25, 0.45], [0.55, 1.0]] {
+            tell(format!("covered at {part:?}"), &film.taken(|photo, face| photo.clone().covered(face, part)));
         }
         for lost in [0.02, 0.05, 0.1, 0.2] {
             let mut random = fastrand::Rng::with_seed(7);

@@ -14,7 +14,7 @@ use common::service::counted;
 use facewire::capture::v4l2::{Layout, Store};
 use facewire_face::FaceBox;
 use facewire_face::stages::{Block, Border, CropShape, crop};
-use facewire_packet::{Packet, Reason};
+use facewire_packet::{Packet, Reason, yaw_pitch_roll_deg};
 use rustix::io::Errno;
 use v4l::format::Quantization;
 use v4l::{Format, FourCC};
@@ -476,4 +476,66 @@ fn frames_that_a_driver_loses_are_reported_as_missing() {
     receiver.until(IS_NO_FACE);
     service.await_log("frames get lost or damaged between camera and board: give the camera a USB port of its own");
     assert!(service.status().contains(" impaired_by=missing-frames "), "{}", service.log());
+}
+
+/// A camera that shows the clip, mounted so that its picture must be turned clockwise by this angle to stand upright.
+fn mounted(machine: &Cameras, rotation_deg: u32) -> Camera {
+    let [width, height] = if rotation_deg % 180 == 90 { [480, 640] } else { [640, 480] };
+    let place = |at: usize| match (rotation_deg, at % width, at / width) {
+        (90, x, y) => x * 640 + 639 - y,
+        (180, x, y) => (479 - y) * 640 + 639 - x,
+        (270, x, y) => (479 - x) * 640 + y,
+        _ => at,
+    };
+    let turned = |frame: &Vec<u8>| (0..width * height).map(|at| frame[place(at)]).collect();
+    let frames: Vec<Vec<u8>> = clip_raw("GREY", 640, 10).iter().map(turned).collect();
+    Camera {
+        formats: &["GREY"],
+        sizes: if width == 480 { Listing::Discrete(&[[480, 640]]) } else { Listing::Discrete(&[[640, 480]]) },
+        stride: Some(width as u32),
+        image_bytes: Some(frames[0].len() as u32),
+        frames: machine.film("clip", &frames),
+        ..Camera::default()
+    }
+}
+
+#[test]
+fn the_rotation_of_a_camera_on_its_side_or_upside_down_is_proposed_and_makes_its_face_that_of_an_upright_one() {
+    let settings_with = |rotation_deg| PATIENT.replace("[failsafe]", &format!("rotation = {rotation_deg}\n[failsafe]"));
+    let mut places_mm = Vec::new();
+    for rotation_deg in [0, 90, 180, 270] {
+        let machine = Cameras::with(&[]);
+        machine.plug(0, &mounted(&machine, rotation_deg));
+        let check = |set| {
+            let file = settings(&settings_with(set));
+            machine.run(&["check", "--config", text(file.path())]).out
+        };
+        let proposal = format!("set camera.rotation = {rotation_deg}");
+        assert_eq!(check(0).contains(&proposal), rotation_deg != 0, "{rotation_deg}: {}", check(0));
+        let good = check(rotation_deg);
+        assert!(good.contains("; a face of ") && !good.contains("camera.rotation"), "{rotation_deg}: {good}");
+        let (_service, receiver) = machine.serve(&settings_with(rotation_deg));
+        let packet = receiver.live().pop().unwrap();
+        let [_, _, roll_deg] = yaw_pitch_roll_deg(packet.rotation);
+        assert!(roll_deg.abs() < 12.0, "{rotation_deg}: {roll_deg}");
+        // The angle of view is that across the rows, of which the pictures on their side have fewer pixels.
+        let [x_mm, y_mm, z_mm] = packet.position_mm;
+        places_mm.push([x_mm, y_mm, if rotation_deg % 180 == 90 { z_mm * 640.0 / 480.0 } else { z_mm }]);
+    }
+    let is_near = |place: &[f32; 3]| place.iter().zip(places_mm[0]).all(|(one, other)| (one - other).abs() < 12.0);
+    assert!(places_mm.iter().all(is_near), "{places_mm:?}");
+}
+
+#[test]
+fn a_running_service_doubts_a_face_that_is_upside_down_and_says_which_rotation_makes_it_upright() {
+    let machine = Cameras::with(&[]);
+    machine.plug(0, &mounted(&machine, 180));
+    let (service, receiver) = machine.serve(PATIENT);
+    receiver.live();
+    service.await_log("tracking is impaired: the face is hardly recognised or lies on its side");
+    service.await_log("set camera.rotation = 180, which shows the face upright");
+    assert!(service.status().contains(" proposed_rotation=180 "), "{}", service.status());
+    service.reload(&PATIENT.replace("[failsafe]", "rotation = 180\n[failsafe]"));
+    eventually("an upright face", || service.status().contains("impaired_by=none") && receiver.live().len() > 0);
+    assert!(service.status().contains(" proposed_rotation=none "), "{}", service.status());
 }

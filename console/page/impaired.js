@@ -6,6 +6,7 @@ export const SENTENCES = {
   "backlight": "The face is much darker than what is behind it: turn away from the window, or light the face from the front.",
   "small-face": "The face is small in the picture: move closer to the camera, or choose a larger picture.",
   "cut-off-face": "A part of the face is outside the picture: turn the camera, or move back.",
+  "doubtful-face": "The face is hardly recognised or lies on its side: uncover it and look at the camera. If the camera is mounted on its side or upside down, turn its picture in the settings.",
   "halved-rate": "The camera delivers about half its frame rate or less, as many do to expose longer: add light.",
   "missing-frames": "Frames get lost between camera and board: use a USB port of its own and a short cable, or choose a smaller picture.",
   "undervoltage": "The supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable.",

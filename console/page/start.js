@@ -2,8 +2,8 @@
 
 import { Action, sentences, Trouble, useAnswer } from "./common.js";
 import { change, draft, isChanged, useDraft } from "./draft.js";
-import { Refusal, useHand } from "./hand.js";
-import { impairments } from "./impaired.js";
+import { Choice, Refusal, useHand } from "./hand.js";
+import { impairments, present } from "./impaired.js";
 import { Picture } from "./picture.js";
 import { BOARDS } from "./servos.js";
 import { onFace, post, store, useStore } from "./store.js";
@@ -19,6 +19,13 @@ const STEPS = [
 const BOARD_NAMES = { maestro: "Pololu Maestro", serial: "Microcontroller" };
 // Cameras have dozens of modes.
 const MOST_MODES = 4;
+// The clockwise turn that makes the picture upright.
+const MOUNTS = [
+  [0, "Upright"],
+  [90, "On its side: turn the picture clockwise"],
+  [180, "Upside down"],
+  [270, "On its side: turn the picture counterclockwise"],
+];
 // The step that was open when the page was left.
 const left = { step: 0 };
 
@@ -76,8 +83,25 @@ function Camera() {
     <${Action} needsRole=${false} run=${reload}>Look again<//>
     <h3>What it sees</h3>
     <${Picture} />
+    <${Mount} />
     <${Poor} />
   </div>`;
+}
+
+// How the camera is mounted, and the turn that the service proposes.
+function Mount() {
+  const kept = draft.values.camera?.rotation ?? 0;
+  const [proposed] = present(store.status?.service?.metrics, "facewire_proposed_rotation");
+  const turn = (degrees) => change({ "camera.rotation": degrees });
+  return html`
+    <div class="field"><label for="rotation">How the camera is mounted</label>
+      <${Choice} id="rotation" value=${kept} keep=${turn} choices=${MOUNTS} /></div>
+    ${
+      proposed !== undefined &&
+      Number(proposed) !== kept &&
+      html`<div class="notice warn row spread" role="status"><span>The face stands upright if the picture is turned by
+      ${proposed}° clockwise.</span><${Action} run=${() => turn(Number(proposed))}>Turn the picture<//></div>`
+    }`;
 }
 
 function Poor() {

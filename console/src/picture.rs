@@ -9,7 +9,7 @@ use facewire_packet::control::{PictureFormat, PictureHead, Request};
 use hyper::StatusCode;
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType};
 use serde::Deserialize as _;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::{
     control::{Connection, Control},
@@ -31,7 +31,7 @@ pub async fn newest(control: &Control) -> Result<Vec<u8>, Refusal> {
     let mut connection = control.open(&Request::Picture {}).await?;
     let mut line = connection.reply().await?.get_mut("picture").map(Value::take).ok_or(UNKNOWN)?;
     let head = PictureHead::deserialize(&line).map_err(|_| UNKNOWN)?;
-    let picture = Small::read(&mut connection, &head).await?;
+    let picture = Small::read(&mut connection, &head).await?.turned(head.rotation_deg);
     let image = tokio::task::spawn_blocking(move || picture.encode())
         .await
         .map_err(|error| Refusal::failed(&error))?
@@ -39,6 +39,7 @@ pub async fn newest(control: &Control) -> Result<Vec<u8>, Refusal> {
     if let Some(line) = line.as_object_mut() {
         // That of JPEG images is known.
         line.remove("full_range");
+        stand_upright(line);
         line.extend([("format".to_owned(), "jpeg".into()), ("bytes".to_owned(), image.len().into())]);
     }
     let mut answer = format!("{line}\n").into_bytes();
@@ -51,8 +52,19 @@ pub async fn landmarks(control: &Control) -> Result<Value, Refusal> {
     let mut line = control.ask(&Request::Landmarks {}).await?.get_mut("picture").map(Value::take).ok_or(UNKNOWN)?;
     if let Some(line) = line.as_object_mut() {
         line.retain(|key, _| !matches!(key.as_str(), "format" | "bytes" | "full_range"));
+        stand_upright(line);
     }
     Ok(line)
+}
+
+/// Makes width and height those of the upright picture, as the landmarks and the image are.
+fn stand_upright(line: &mut Map<String, Value>) {
+    let rotation_deg = line.remove("rotation_deg");
+    if rotation_deg.is_some_and(|turn| turn == 90 || turn == 270)
+        && let (Some(width), Some(height)) = (line.remove("width"), line.remove("height"))
+    {
+        line.extend([("width".to_owned(), height), ("height".to_owned(), width)]);
+    }
 }
 
 /// A raw picture of which every n-th pixel and row are left.
@@ -133,6 +145,21 @@ impl Small {
         blue.iter_mut().chain(red).for_each(|value| *value = (widened(*value, 128, 224) + 128).clamp(0, 255) as u8);
     }
 
+    /// The picture after a clockwise turn.
+    fn turned(self, rotation_deg: u32) -> Self {
+        let Self { width, height, planes } = self;
+        let [new_width, new_height] = if rotation_deg % 180 == 90 { [height, width] } else { [width, height] };
+        let source = |x: usize, y: usize| match rotation_deg {
+            90 => (height - 1 - x) * width + y,
+            180 => (height - 1 - y) * width + width - 1 - x,
+            270 => x * width + width - 1 - y,
+            _ => y * width + x,
+        };
+        let places = || (0..new_height).flat_map(|y| (0..new_width).map(move |x| (x, y)));
+        let turn = |plane: Vec<u8>| places().filter_map(|(x, y)| plane.get(source(x, y)).copied()).collect();
+        Self { width: new_width, height: new_height, planes: planes.map(turn) }
+    }
+
     fn encode(self) -> io::Result<Vec<u8>> {
         let mut image = Vec::new();
         Encoder::new(&mut image, QUALITY).encode_image(self).map_err(|error| io::Error::other(error.to_string()))?;
@@ -169,7 +196,7 @@ mod tests {
     /// A picture whose luma is the sum of the coordinates, blue 100 plus the column and red 200 minus the row.
     fn read(format: PictureFormat, width: usize, height: usize) -> Small {
         let (full_range, bytes, time_us, landmarks) = (true, 0, 0, None);
-        let head = PictureHead { format, width, height, full_range, bytes, time_us, landmarks };
+        let head = PictureHead { format, width, height, rotation_deg: 0, full_range, bytes, time_us, landmarks };
         let mut small = Small::new(&head);
         let luma = |x: usize, y: usize| (x + y) as u8;
         for y in 0..height {
@@ -209,6 +236,26 @@ mod tests {
         let mut small = Small { width: 5, height: 1, planes };
         small.widen();
         assert_eq!(small.planes, [vec![0, 255, 0, 255, 128], vec![128, 255], vec![1, 0]]);
+    }
+
+    #[test]
+    fn a_picture_is_turned_clockwise_with_its_width_and_height() {
+        let small = || Small { width: 3, height: 2, planes: [vec![1, 2, 3, 4, 5, 6], vec![], vec![]] };
+        for (rotation_deg, want) in [
+            (0, (3, [1, 2, 3, 4, 5, 6])),
+            (90, (2, [4, 1, 5, 2, 6, 3])),
+            (180, (3, [6, 5, 4, 3, 2, 1])),
+            (270, (2, [3, 6, 2, 5, 1, 4])),
+        ] {
+            let turned = small().turned(rotation_deg);
+            assert_eq!((turned.width, &turned.planes[0][..]), (want.0, &want.1[..]), "{rotation_deg}");
+            let mut line = Map::from_iter(
+                [("width", 3), ("height", 2), ("rotation_deg", rotation_deg as usize)]
+                    .map(|(key, value)| (key.to_owned(), Value::from(value))),
+            );
+            stand_upright(&mut line);
+            assert_eq!(Value::from(line), serde_json::json!({ "width": turned.width, "height": turned.height }));
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ mod track;
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use infer::{Engine, EngineChoice, InferError, engine};
 pub use model::{Model, ModelError};
-pub use picture::{MAX_SIDE_PX, Picture, Pixels};
+pub use picture::{MAX_SIDE_PX, Picture, Pixels, Rotation};
 pub use solve::{
     Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Neutral,
     NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver,

@@ -5,13 +5,46 @@ pub const MAX_SIDE_PX: usize = 4096;
 
 /// A borrowed picture, whose samples [`Picture::new`] has checked to be complete.
 #[derive(Debug, Clone, Copy)]
-#[allow(missing_docs, reason = "the names and types say it")]
 pub struct Picture<'a> {
+    /// Pixels in a row.
     pub width: usize,
+    /// Number of rows.
     pub height: usize,
+    #[allow(missing_docs, reason = "the type says it")]
     pub pixels: Pixels<'a>,
     /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
     pub full_range: bool,
+    /// How the picture must be turned to stand upright. Landmarks and regions are those of the upright picture.
+    pub rotation: Rotation,
+}
+
+/// Clockwise turn that makes the picture of a camera upright, which is mounted on its side or upside down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Rotation {
+    /// The picture is upright.
+    #[default]
+    None,
+    /// By 90 degrees.
+    Quarter,
+    /// By 180 degrees.
+    Half,
+    /// By 270 degrees.
+    ThreeQuarters,
+}
+
+impl Rotation {
+    /// All turns, by their angles.
+    pub const ALL: [Self; 4] = [Self::None, Self::Quarter, Self::Half, Self::ThreeQuarters];
+
+    /// The clockwise angle in degrees.
+    pub const fn degrees(self) -> u32 {
+        90 * self as u32
+    }
+
+    /// Whether columns become rows.
+    pub const fn is_sideways(self) -> bool {
+        matches!(self, Self::Quarter | Self::ThreeQuarters)
+    }
 }
 
 /// The samples of a picture. A stride is the number of bytes from one row to the next.
@@ -32,11 +65,30 @@ pub enum Pixels<'a> {
 }
 
 impl<'a> Picture<'a> {
-    /// Returns `None` if a side is 0 or longer than [`MAX_SIDE_PX`], or if the last row or column is not complete.
+    /// A picture that is upright. Returns `None` if a side is 0 or longer than [`MAX_SIDE_PX`], or if the last row or column
+    /// is not complete.
     pub fn new(width: usize, height: usize, pixels: Pixels<'a>, full_range: bool) -> Option<Self> {
         let sides = 1..=MAX_SIDE_PX;
         let fits = sides.contains(&width) && sides.contains(&height) && pixels.hold(width, height);
-        fits.then_some(Self { width, height, pixels, full_range })
+        fits.then_some(Self { width, height, pixels, full_range, rotation: Rotation::None })
+    }
+
+    /// Width and height of the upright picture, pixels.
+    pub fn size_px(&self) -> [f32; 2] {
+        let size = [self.width as f32, self.height as f32];
+        if self.rotation.is_sideways() { [size[1], size[0]] } else { size }
+    }
+
+    /// The place in the rows of a point of the upright picture. Whole numbers are centres of pixels.
+    pub fn in_rows(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let right = self.width as f32 - 1.0;
+        let bottom = self.height as f32 - 1.0;
+        match self.rotation {
+            Rotation::None => [x, y],
+            Rotation::Quarter => [y, bottom - x],
+            Rotation::Half => [right - x, bottom - y],
+            Rotation::ThreeQuarters => [right - y, x],
+        }
     }
 }
 

@@ -142,6 +142,9 @@ pub struct PictureHead {
     pub width: usize,
     /// Number of rows.
     pub height: usize,
+    /// Degrees by which the rows must be turned clockwise to stand upright, a multiple of 90.
+    #[serde(default)]
+    pub rotation_deg: u32,
     /// Whether black and white are 0 and 255 rather than 16 and 235.
     #[serde(default)]
     pub full_range: bool,
@@ -149,7 +152,7 @@ pub struct PictureHead {
     pub bytes: usize,
     /// When the picture was captured, on the monotonic clock.
     pub time_us: u64,
-    /// In pixels, if a face was found.
+    /// In pixels of the upright picture, if a face was found.
     pub landmarks: Option<Vec<[f32; 2]>>,
 }
 

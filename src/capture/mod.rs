@@ -24,7 +24,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use facewire_face::{Face, Picture};
+use facewire_face::{Camera, Face, Picture};
 
 use self::rehearsal::Rehearsal;
 use self::v4l2::{CameraSource, Wish};
@@ -70,9 +70,15 @@ impl<'a> Frame<'a> {
 
     pub fn size_px(&self) -> [f32; 2] {
         match &self.content {
-            Content::Picture(picture) => [picture.width as f32, picture.height as f32],
+            Content::Picture(picture) => picture.size_px(),
             Content::Face { size_px, .. } => *size_px,
         }
+    }
+
+    /// The camera that captured the frame, whose angle of view is that across its rows.
+    pub fn camera(&self, horizontal_fov_deg: f32) -> Camera {
+        let camera = Camera::new(self.size_px(), horizontal_fov_deg);
+        if self.picture().is_some_and(|picture| picture.rotation.is_sideways()) { camera.on_its_side() } else { camera }
     }
 }
 

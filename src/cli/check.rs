@@ -2,7 +2,7 @@
 
 use std::io::{IsTerminal as _, stderr};
 
-use facewire_face::{Camera, Landmarks, Tracker};
+use facewire_face::{Camera, Landmarks, Rotation, Tracker};
 
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
@@ -13,7 +13,7 @@ use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::link::{Link, notes};
 use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
-use crate::watch::Watch;
+use crate::watch::{MountTrial, Watch};
 use facewire_board::{self as board, Flags, ImpairmentSet, Machine, Sensors};
 use facewire_packet::control::Take;
 
@@ -140,11 +140,12 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     while monotonic_us() < end_us {
         if let Some(frame) = camera.next()? {
             let found = find(tracker.as_deref_mut(), &mut StageTimes::default(), &frame)?;
-            last_look = watch.frame(&frame, found.map(|face| face.landmarks)).or(last_look);
+            last_look = watch.frame(&frame, found).or(last_look);
             face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
         delivered = watch.deliveries(&mut *camera.source).or(delivered);
     }
+    let turned = tracker.as_deref_mut().map(|tracker| try_mount(&mut camera, tracker)).transpose()?.flatten();
     camera.source.close()?;
     if let Some(delivery) = delivered {
         let fps = delivery.fps() * (1.0 - delivery.lost_share());
@@ -158,5 +159,24 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         None if tracker.is_some() => found += "; no face is in the picture now",
         None => {}
     }
+    if let Some(rotation) = turned.filter(|rotation| *rotation != settings.rotation) {
+        let degrees = rotation.degrees();
+        found += &format!("; the face stands upright with another mount: set camera.rotation = {degrees}");
+    }
     Ok((found, watch.present()))
+}
+
+/// Returns the turn after which the camera shows an upright face, if it shows a face at all.
+fn try_mount(camera: &mut OpenCamera, tracker: &mut Tracker) -> Result<Option<Rotation>, Failure> {
+    let mut trial = MountTrial::default();
+    while !trial.is_complete() {
+        let Some(frame) = camera.next()? else {
+            camera.check()?;
+            continue;
+        };
+        if let Some(picture) = frame.picture() {
+            trial.add(tracker, picture)?;
+        }
+    }
+    Ok(trial.best())
 }

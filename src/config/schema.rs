@@ -72,6 +72,7 @@ fn property(key: &str, takes: Takes, heading: &str, explained: &[Explanation<'_>
             json!({ "type": "number", "minimum": least, "maximum": most, "unit": unit_of(unit), "takes": sentence })
         }
         Takes::OneOf(choices) => json!({ "type": "string", "enum": choices }),
+        Takes::OneOfNumbers(choices) => json!({ "type": "integer", "enum": choices, "takes": sentence }),
         Takes::Text(_) => json!({ "type": "string", "takes": sentence }),
         Takes::Table(_) if key == "adjust" => json!({ "$ref": "#/$defs/adjust" }),
         Takes::Table(_) if heading == ADJUST_HEADING => json!({ "$ref": "#/$defs/coefficient" }),

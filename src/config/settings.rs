@@ -7,10 +7,12 @@ use super::{
     link::{LinkSettings, Links},
     overlay::{Entry, Field, Overlay, Reader, Section, field, section},
     takes::Takes,
-    value::{ANY_TEXT, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, text, whole},
+    value::{ANY_TEXT, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, rotation, text, whole},
 };
 use facewire_board::HardwareSettings;
-use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
+use facewire_face::{
+    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rotation, Rules,
+};
 use tracing::level_filters::LevelFilter;
 
 section! {
@@ -40,6 +42,7 @@ section! {
         height: u32 = 480, whole(120..=2160, "pixels");
         fps: u32 = 30, whole(1..=240, "1/s");
         format: CameraFormat = CameraFormat::Auto, choice();
+        rotation: Rotation = Rotation::None, rotation();
         stall_timeout_ms: u32 = 1000, whole(100..=60_000, "ms");
         horizontal_fov_deg: f32 = 60.0, number(10.0..=170.0, "degrees");
     }

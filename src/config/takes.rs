@@ -18,6 +18,7 @@ pub enum Takes {
         unit: &'static str,
     },
     OneOf(Vec<&'static str>),
+    OneOfNumbers([u32; 4]),
     /// A text that this describes.
     Text(String),
     /// A table with these keys.
@@ -36,6 +37,9 @@ impl fmt::Display for Takes {
             Self::Number { least, most, unit } => write!(f, "a number from {least:?} to {most:?}{}", InBrackets(unit)),
             Self::OneOf(names) => {
                 write!(f, "one of {}", names.iter().map(|name| quoted(name)).collect::<Vec<_>>().join(", "))
+            }
+            Self::OneOfNumbers([first, second, third, fourth]) => {
+                write!(f, "one of {first}, {second}, {third}, {fourth}")
             }
             Self::Text(text) => f.write_str(text),
             Self::Table(_) | Self::Channels => f.write_str("a table"),

@@ -147,6 +147,8 @@ fn the_argument_counts_before_the_file_and_the_file_before_the_board_that_is_rec
         let want = load(Some(board), "generic", None, |_, _| {}).unwrap();
         assert_eq!(loaded(argument, text), want, "{argument:?} {text}");
     }
+    let refused = faults("[camera]\nrotation = 45");
+    assert!(refused.ends_with("camera.rotation = 45: give one of 0, 90, 180, 270"), "{refused}");
     let camera = loaded(None, "[camera]\nfps = 20\n").camera;
     assert_eq!((camera.fps, camera.width, camera.stall_timeout_ms), (20, 320, 1000));
 }

@@ -2,6 +2,7 @@
 
 use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
+use facewire_face::Rotation;
 use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
 
@@ -103,6 +104,15 @@ pub fn number(range: RangeInclusive<f32>, unit: &'static str) -> impl Reader<f32
         range.contains(&number).then_some(number)
     };
     Value { takes, read }
+}
+
+/// Reads the angle of a turn in degrees.
+pub fn rotation() -> impl Reader<Rotation> {
+    let read = |value: &DeValue<'_>| {
+        let text = value.as_integer()?.as_str();
+        Rotation::ALL.into_iter().find(|rotation| rotation.degrees().to_string() == text)
+    };
+    Value { takes: Takes::OneOfNumbers(Rotation::ALL.map(Rotation::degrees)), read }
 }
 
 pub fn flag() -> impl Reader<bool> {

@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use crate::capture::v4l2::{PixelFormat, Wish};
-use crate::capture::{self, CaptureError, Frame, FrameFault, FrameRate, Source};
+use crate::capture::{self, CaptureError, Content, Frame, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
 use crate::retry::{BackOff, LONGEST_WAIT};
+use facewire_face::Rotation;
 
 /// The camera is opened again after this many damaged frames in a row, which cures some cameras.
 const MAX_DAMAGED: u32 = 8;
@@ -13,6 +14,7 @@ const MAX_DAMAGED: u32 = 8;
 /// A camera, or the built-in clip played as one.
 pub struct OpenCamera {
     pub source: Box<dyn Source + Send>,
+    pub rotation: Rotation,
     /// How many damaged frames have come since the last intact one, and what was wrong with the last of them.
     damaged: Option<(u32, FrameFault)>,
 }
@@ -37,14 +39,18 @@ impl OpenCamera {
         let wish = Wish { width: settings.width, height: settings.height, rate, format };
         let wish = if is_small { wish.halved() } else { wish };
         let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
-        Ok(Self { source: capture::open_camera(&settings.device, &wish, timeout)?, damaged: None })
+        let source = capture::open_camera(&settings.device, &wish, timeout)?;
+        Ok(Self { source, rotation: settings.rotation, damaged: None })
     }
 
     /// Waits for the newest frame. Returns `None` in place of a damaged one.
     pub fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         match self.source.next() {
-            Ok(Some(frame)) => {
+            Ok(Some(mut frame)) => {
                 self.damaged = None;
+                if let Content::Picture(picture) = &mut frame.content {
+                    picture.rotation = self.rotation;
+                }
                 Ok(Some(frame))
             }
             Ok(None) => Err(CaptureError::Gone),
@@ -57,7 +63,7 @@ impl OpenCamera {
     }
 
     /// Fails if so many damaged frames came in a row that the camera is to be opened again.
-    pub(super) fn check(&self) -> Result<(), CaptureError> {
+    pub fn check(&self) -> Result<(), CaptureError> {
         let too_many = self.damaged.filter(|(count, _)| *count >= MAX_DAMAGED);
         too_many.map_or(Ok(()), |(count, fault)| Err(CaptureError::AllDamaged { count, fault }))
     }
@@ -108,7 +114,7 @@ mod tests {
     fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones_in_a_row() {
         for (damaged, expected) in [(0, 0), (7, 7), (100, 8)] {
             let source = Box::new(DamagedClip { clip: Clip::looped().unwrap(), damaged });
-            let mut camera = OpenCamera { source, damaged: None };
+            let mut camera = OpenCamera { source, rotation: Rotation::None, damaged: None };
             let mut counted = 0;
             let outcome = camera.await_picture(|| counted += 1);
             let is_given_up = matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg }));

@@ -14,6 +14,7 @@ use super::timing::{Times, quantiles};
 use crate::calibration::WearerName;
 use crate::link::{Panel, Traffic};
 use facewire_board::{Impairment, Impairments};
+use facewire_face::Rotation;
 
 /// Exit status after a second SIGTERM or SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;
@@ -81,6 +82,10 @@ pub(super) struct Counters {
     /// The bits of an `f32`: the share of the estimated face in the neutral one, which is 0 with a calibrated one.
     neutral_share: AtomicU32,
     neutral_forgotten: AtomicU64,
+    /// The bits of an `f32`: the mesh network's score of the face in the last frame, 0 without a face.
+    face_score: AtomicU32,
+    /// The turn that shows the face upright and is not that of the settings, as an index into [`Rotation::ALL`] plus 1.
+    proposed_rotation: AtomicUsize,
     pub(super) times: Times,
     /// The wearer whose profile is in use, who need not be the one that the settings name. Only the threads of control,
     /// supervisor and reloads lock it.
@@ -187,6 +192,14 @@ impl Counters {
         self.neutral_forgotten.store(forgotten, Relaxed);
     }
 
+    pub(super) fn set_face_score(&self, score: f32) {
+        self.face_score.store(score.to_bits(), Relaxed);
+    }
+
+    pub(super) fn propose_rotation(&self, rotation: Option<Rotation>) {
+        self.proposed_rotation.store(rotation.map_or(0, |rotation| rotation as usize + 1), Relaxed);
+    }
+
     pub(super) fn step(&self) -> Step {
         Step::ALL.get(self.step.load(Relaxed)).copied().unwrap_or_default()
     }
@@ -206,6 +219,8 @@ impl Counters {
         let neutral = self.neutral_face.load(Relaxed);
         let is_released = self.traffic.operator.is_released.load(Relaxed);
         let is_small = self.small_picture.load(Relaxed);
+        let face_score = f32::from_bits(self.face_score.load(Relaxed));
+        let proposed_rotation = self.proposed_rotation.load(Relaxed);
         let share = f32::from_bits(self.neutral_share.load(Relaxed));
         let Traffic { packets, sent, dropped, .. } = &*self.traffic;
         rows! {
@@ -249,6 +264,10 @@ impl Counters {
                 = (format!("neutral_share={share:.2}"), vec![("", share.into())]);
             counter "neutral_forgotten" "" "How often the estimated neutral face was forgotten because another person sat down."
                 = count("neutral_forgotten", &self.neutral_forgotten);
+            gauge "face_score" "" "How surely the mesh network sees a face: log-odds, 17 to 30 for one in view; 0 without a face."
+                = (format!("face_score={face_score:.1}"), vec![("", face_score.into())]);
+            gauge "proposed_rotation" "degrees" "1 for the camera.rotation that shows the face upright, if it is not set."
+                = present("proposed_rotation", ["0", "90", "180", "270"], |at| at + 1 == proposed_rotation);
             gauge "servos_released" "" "1 while an operator keeps all servos without pulses, else 0."
                 = indicator(if is_released { "servos=released" } else { "" }, is_released);
         }

@@ -27,12 +27,14 @@ use crate::config::{NetworkSettings, Settings};
 use crate::pipeline::{self, Pipeline, Rejected, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
-use crate::watch::Watch;
+use crate::watch::{MountTrial, Watch};
 use facewire_board::ImpairmentSet;
-use facewire_face::{InferError, Model, Profile, Tracker};
+use facewire_face::{InferError, Model, Profile, Rotation, Tracker};
 
 /// Time for which an impairment must last, or be gone, before that is reported, microseconds.
 const HOLD_US: u64 = 3_000_000;
+/// A try of another way to mount the camera takes the time of two frames, so that tries are some frames apart.
+const FRAMES_PER_TRY: u64 = 8;
 /// A single failed inference can be a moment without memory. After this many in a row, the networks are loaded again.
 const FAILURES_BEFORE_REMEDY: u32 = 8;
 /// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
@@ -56,6 +58,8 @@ pub(super) enum Event {
     Opened(String),
     /// The times that the driver of the camera states are not used any more.
     FalseClock,
+    /// Another `camera.rotation` would show the face upright.
+    Turned(Rotation),
     /// There are no pictures: what is missing, and why.
     Blind(&'static str, String),
     /// The engine has failed several times in a row, and its networks are about to be loaded again.
@@ -89,6 +93,8 @@ pub(super) struct HotLoop {
     has_false_clock: bool,
     timing: FrameTiming,
     watch: Watch,
+    /// Runs while it is tried which way the camera is mounted: from its opening on, and when the watch begins to doubt the face.
+    mount: Option<MountTrial>,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
     rehearsed: ImpairmentSet,
 }
@@ -130,6 +136,7 @@ impl HotLoop {
             has_false_clock: false,
             timing: FrameTiming::new(Arc::clone(&counters)),
             watch: Watch::new(HOLD_US),
+            mount: None,
             counters,
             rehearsed: ImpairmentSet::default(),
         }
@@ -197,6 +204,8 @@ impl HotLoop {
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
         self.outlets.loads.write(None);
+        self.mount = Some(MountTrial::default());
+        self.counters.propose_rotation(None);
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.forget_face();
         }
@@ -214,6 +223,7 @@ impl HotLoop {
             if let Some(pipeline) = &mut self.pipeline {
                 pipeline.set_turns(step.has_turns());
             }
+            let was_doubtful = self.watch.is_doubtful();
             let outcome = match camera.next() {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {
@@ -225,6 +235,7 @@ impl HotLoop {
             self.take_tally(&mut *camera.source);
             self.watch.deliveries(&mut *camera.source);
             self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
+            self.judge_mount(was_doubtful);
             outcome?;
         }
         Ok(())
@@ -263,12 +274,14 @@ impl HotLoop {
         outlets.report(processed.pose().map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
-        watch.frame(frame, processed.face.map(|face| face.landmarks));
+        watch.frame(frame, processed.face);
+        counters.set_face_score(processed.face.and_then(|face| face.appearance).map_or(0.0, |seen| seen.score));
         outlets.observer.publish(|| processed.observe(watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
         outlets.copier.copy(frame, processed.face.map(|face| face.landmarks));
         let Err(Rejected::Infer(error)) = processed.solved else {
             self.engine.ran();
+            self.try_mount(frame);
             return Ok(());
         };
         add(&counters.engine_failures, 1);
@@ -276,6 +289,34 @@ impl HotLoop {
             Remedy::Wait => Ok(()),
             Remedy::Reload => self.reload_engine(error),
             Remedy::GiveUp => Err(SetupError::from(error).into()),
+        }
+    }
+
+    /// Tries another turn of the picture from time to time while it is tried which way the camera is mounted. A failure of the
+    /// networks will show in the next frame.
+    fn try_mount(&mut self, frame: &Frame) {
+        if !self.counters.frames.load(Relaxed).is_multiple_of(FRAMES_PER_TRY) {
+            return;
+        }
+        let Self { pipeline: Some(Pipeline { tracker: Some(tracker), .. }), mount: Some(mount), .. } = self else {
+            return;
+        };
+        if let Some(picture) = frame.picture() {
+            let _ = mount.add(tracker, picture);
+        }
+    }
+
+    /// Reports a better way to mount the camera once one was found. Begins to try when the face becomes doubtful.
+    fn judge_mount(&mut self, was_doubtful: bool) {
+        if self.watch.is_doubtful() && !was_doubtful && !self.watch.is_turned {
+            self.mount = Some(MountTrial::default());
+        }
+        let Some(mount) = self.mount.take_if(|mount| mount.is_complete()) else { return };
+        let better = mount.best().filter(|best| *best != self.settings.camera.rotation);
+        self.counters.propose_rotation(better);
+        self.watch.is_turned = better.is_some();
+        if let Some(rotation) = better {
+            self.tell(Event::Turned(rotation));
         }
     }
 

@@ -4,7 +4,7 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::capture::Frame;
-use facewire_face::{Landmarks, Picture, Pixels};
+use facewire_face::{Landmarks, Picture, Pixels, Rotation};
 use facewire_packet::control::PictureFormat;
 
 /// Most pictures that wait for the next frame.
@@ -14,6 +14,7 @@ const WAITING: usize = 4;
 pub(super) struct Snapshot {
     pub(super) format: PictureFormat,
     pub(super) size: [usize; 2],
+    pub(super) rotation: Rotation,
     pub(super) full_range: bool,
     pub(super) time_us: u64,
     pub(super) landmarks: Option<Landmarks>,
@@ -39,6 +40,7 @@ impl Asker {
         let room = Snapshot {
             format: PictureFormat::Grey,
             size: [0; 2],
+            rotation: Rotation::None,
             full_range: false,
             time_us: 0,
             landmarks: None,
@@ -55,8 +57,9 @@ impl Copier {
     pub(super) fn copy(&self, frame: &Frame, landmarks: Option<&Landmarks>) {
         let Some(picture) = frame.picture() else { return };
         let Ok(mut copy) = self.0.try_recv() else { return };
-        let Picture { width, height, full_range, .. } = *picture;
+        let Picture { width, height, full_range, rotation, .. } = *picture;
         copy.size = [width, height];
+        copy.rotation = rotation;
         copy.full_range = full_range;
         copy.time_us = frame.captured_us;
         copy.landmarks = landmarks.cloned();

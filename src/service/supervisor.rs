@@ -174,6 +174,10 @@ impl Log {
                 "the camera driver's timestamps cannot be true: from now on each frame is dated by its arrival, so that its age is \
                  slightly underestimated; a newer driver or another camera may help"
             ),
+            Event::Turned(rotation) => tracing::warn!(
+                "the camera is mounted on its side or upside down: set camera.rotation = {}, which shows the face upright",
+                rotation.degrees()
+            ),
             Event::Blind(what, reason) => {
                 if self.blind_reasons.is_new(&reason) {
                     tracing::warn!("{what}: {reason}; trying again");

@@ -3,7 +3,7 @@
 //! Contract: [`Look::at`] does not allocate, and takes the same time for every size of picture.
 
 use facewire_face::stages::bounds;
-use facewire_face::{Landmarks, MESH, Picture, Pixels};
+use facewire_face::{Face, FaceBox, MESH, Picture, Pixels};
 
 /// Columns and rows of the samples of the whole picture, and of those of the box around the face.
 const PICTURE_GRID: [usize; 2] = [24, 18];
@@ -41,6 +41,10 @@ pub struct FaceLook {
     pub size: f32,
     /// Share of the face that is outside the picture or at its border, from 0 to 1.
     pub cut_off: f32,
+    /// [`Appearance::score`](facewire_face::Appearance::score); infinite for landmarks that come without it.
+    pub score: f32,
+    /// Clockwise angle of the line through the eyes, from -180 to 180 degrees.
+    pub roll_deg: f32,
 }
 
 /// Light in a part of a picture, on a scale from 0 (black) to 255 (white) whatever the range of the picture.
@@ -54,9 +58,9 @@ pub struct Light {
 }
 
 impl Look {
-    pub fn at(picture: &Picture, landmarks: Option<&Landmarks>) -> Self {
-        let size = [picture.width, picture.height].map(|side| side as f32);
-        let points = landmarks.map(|landmarks| landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]));
+    pub fn at(picture: &Picture, face: Option<Face>) -> Self {
+        let size = picture.size_px();
+        let points = face.map(|face| face.landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]));
         let face_box = points.clone().map(bounds);
         let mut all = Samples::NONE;
         let mut around = Samples::NONE;
@@ -71,7 +75,7 @@ impl Look {
         let all = all.light(picture);
         // Without a sample, the face fills the picture.
         let surroundings = if around.count == 0 { all.brightness } else { around.light(picture).brightness };
-        let face = points.zip(face_box).map(|(points, [min, max])| {
+        let face = face.zip(points).zip(face_box).map(|((face, points), [min, max])| {
             let size_px = (max[0] - min[0]).max(max[1] - min[1]);
             let inside = [[BORDER * size_px; 2], size.map(|side| side - BORDER * size_px)];
             let mut samples = Samples::NONE;
@@ -87,7 +91,10 @@ impl Look {
             }
             let light = samples.light(picture);
             let size = size_px / size[0].max(size[1]);
-            FaceLook { light, surroundings, size_px, size, cut_off: cut_off as f32 / count.max(1) as f32 }
+            let cut_off = cut_off as f32 / count.max(1) as f32;
+            let score = face.appearance.map_or(f32::INFINITY, |appearance| appearance.score);
+            let roll_deg = FaceBox::following(face.landmarks).map_or(0.0, |region| region.angle_rad.to_degrees());
+            FaceLook { light, surroundings, size_px, size, cut_off, score, roll_deg }
         });
         Self { picture: all, face }
     }
@@ -117,10 +124,10 @@ fn sample(picture: &Picture, point: [f32; 2]) -> Option<[u8; 2]> {
         // Green is near to luma.
         Pixels::Packed { data, stride, step, rgb } => (data.get(rgb[1]..)?, stride, step),
     };
-    if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], point) {
+    if !contains([[0.0; 2], picture.size_px()], point) {
         return None;
     }
-    let [x, y] = point.map(|at| at as usize);
+    let [x, y] = picture.in_rows(point.map(f32::floor)).map(|at| at as usize);
     let luma = |x: usize| plane.get(y * stride + x.min(picture.width - 1) * step).copied();
     let [before, here, after] = [luma(x.saturating_sub(1))?, luma(x)?, luma(x + 1)?];
     let roughness = (u16::from(before) + u16::from(after)).abs_diff(2 * u16::from(here));

@@ -6,10 +6,12 @@
 //! Limits: noise that a camera smooths away is not seen. Motion blur is not measured.
 
 mod look;
+mod mount;
 
 pub use look::{FaceLook, Light, Look};
+pub use mount::MountTrial;
 
-use facewire_face::Landmarks;
+use facewire_face::Face;
 
 use crate::capture::{Delivery, Frame, Source};
 use crate::clock::monotonic_us;
@@ -35,13 +37,17 @@ const SIZE_PX: Thresholds = [38.0, 48.0];
 const SIZE: Thresholds = [0.12, 0.135];
 /// Share of the face outside the picture.
 const CUT_OFF: Thresholds = [0.08, 0.05];
+/// The mesh network's score of a face, which is above for one in view, whatever covers its mouth.
+const SCORE: Thresholds = [15.0, 17.0];
+/// Angle between the eyes' line and the picture's rows, degrees.
+const ROLL_DEG: Thresholds = [50.0, 40.0];
 /// Frame rate divided by the rate that the camera states. Cameras that expose longer go from 30 to 15 frames a second or
 /// less, and 25 a second is what light of 50 Hz asks for.
 const RATE: Thresholds = [0.6, 0.75];
 /// Share of the frames that are lost. Each of them makes the face stand still for a moment.
 const LOST: Thresholds = [0.05, 0.02];
 /// Number of impairments that are seen in the picture. The others are seen in what the camera delivers.
-const OF_PICTURE: usize = 5;
+const OF_PICTURE: usize = 6;
 /// Time from one look at the picture to the next, microseconds.
 const LOOK_US: u64 = 250_000;
 /// Longest time that one look stands for, microseconds. Looks at the clip come every 0.3 s, those at a slow camera and
@@ -95,25 +101,38 @@ pub struct Watch {
     last_look_us: u64,
     steady: [Steady; Self::FINDS.len()],
     present: ImpairmentSet,
+    /// Whether the face was found to be upright in another rotation of the picture.
+    pub is_turned: bool,
 }
 
 impl Watch {
-    pub const FINDS: [Impairment; 7] = {
-        use Impairment::{Backlight, Black, CutOffFace, Dark, HalvedRate, MissingFrames, SmallFace};
-        [Black, Dark, Backlight, SmallFace, CutOffFace, HalvedRate, MissingFrames]
+    pub const FINDS: [Impairment; 8] = {
+        use Impairment::{Backlight, Black, CutOffFace, Dark, DoubtfulFace, HalvedRate, MissingFrames, SmallFace};
+        [Black, Dark, Backlight, SmallFace, CutOffFace, DoubtfulFace, HalvedRate, MissingFrames]
     };
 
     /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
     pub fn new(hold_us: u64) -> Self {
-        Self { hold_us, last_look_us: 0, steady: Default::default(), present: ImpairmentSet::default() }
+        Self {
+            hold_us,
+            last_look_us: 0,
+            steady: Default::default(),
+            present: ImpairmentSet::default(),
+            is_turned: false,
+        }
     }
 
     pub fn present(&self) -> ImpairmentSet {
         self.present
     }
 
+    /// Whether the face is hardly recognised, or turned.
+    pub fn is_doubtful(&self) -> bool {
+        self.present.contains(Impairment::DoubtfulFace)
+    }
+
     /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
-    pub fn frame(&mut self, frame: &Frame, face: Option<&Landmarks>) -> Option<Look> {
+    pub fn frame(&mut self, frame: &Frame, face: Option<Face>) -> Option<Look> {
         let picture = frame.picture()?;
         // The timestamps of some drivers step back.
         if frame.captured_us.abs_diff(self.last_look_us) < LOOK_US {
@@ -144,13 +163,16 @@ impl Watch {
             None => poor_if_low(look.picture.brightness, BRIGHTNESS)
                 .max(poor_if_low(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
         };
-        let verdicts = [
-            if is_black { POOR } else { FINE },
-            dark,
-            of_face(|face| if is_backlit(face) { unclear(face) } else { FINE }),
-            of_face(|face| poor_if_low(face.size_px, SIZE_PX).max(poor_if_low(face.size, SIZE))),
-            of_face(|face| poor_if_high(face.cut_off, CUT_OFF)),
-        ];
+        let backlit = of_face(|face| if is_backlit(face) { unclear(face) } else { FINE });
+        let small = of_face(|face| poor_if_low(face.size_px, SIZE_PX).max(poor_if_low(face.size, SIZE)));
+        let cut_off = of_face(|face| poor_if_high(face.cut_off, CUT_OFF));
+        let doubtful = match [dark, backlit, small, cut_off].into_iter().max() {
+            _ if self.is_turned => POOR,
+            // That is why.
+            Some(POOR) => UNKNOWN,
+            _ => of_face(|face| poor_if_low(face.score, SCORE).max(poor_if_high(face.roll_deg.abs(), ROLL_DEG))),
+        };
+        let verdicts = [if is_black { POOR } else { FINE }, dark, backlit, small, cut_off, doubtful];
         self.judge(0, verdicts, now_us);
     }
 
@@ -218,6 +240,8 @@ mod tests {
         size_px: 200.0,
         size: 0.3,
         cut_off: 0.0,
+        score: 24.0,
+        roll_deg: 5.0,
     };
 
     fn told(face: Option<FaceLook>, picture: Light) -> String {
@@ -239,6 +263,9 @@ mod tests {
             (FaceLook { size_px: 37.0, ..FACE }, "small-face"),
             (FaceLook { size: 0.11, ..FACE }, "small-face"),
             (FaceLook { cut_off: 0.1, ..FACE }, "cut-off-face"),
+            (FaceLook { score: 14.0, ..FACE }, "doubtful-face"),
+            (FaceLook { roll_deg: -88.0, ..FACE }, "doubtful-face"),
+            (FaceLook { roll_deg: 178.0, ..FACE }, "doubtful-face"),
         ] {
             assert_eq!(told(Some(face), FACE.light), want, "{face:?}");
         }

@@ -102,6 +102,26 @@ impl Photo {
         self
     }
 
+    /// As a camera takes it that hangs upside down.
+    pub fn upside_down(&self) -> Self {
+        let mut photo = self.clone();
+        photo.planes.iter_mut().for_each(|plane| plane.reverse());
+        photo
+    }
+
+    /// With a dark thing before a part of the face, from `part[0]` to `part[1]` of the height of its box (left, top, right,
+    /// bottom).
+    pub fn covered(mut self, [left, top, right, bottom]: [f32; 4], part: [f32; 2]) -> Self {
+        let [from, to] = part.map(|part| (top + part * (bottom - top)).max(0.0) as usize);
+        for row in (from..to.min(self.height)).map(|y| y * self.width) {
+            let covered = row + left.max(0.0) as usize..row + (right as usize).min(self.width);
+            self.planes[0][covered.clone()].fill(30);
+            self.planes[1][covered.clone()].fill(128);
+            self.planes[2][covered].fill(128);
+        }
+        self
+    }
+
     /// Makes the picture `factor` times as large by averaging, in the middle of a grey one of the same size.
     pub fn smaller(&self, factor: f32) -> Self {
         let (width, height) = (self.width, self.height);

@@ -42,7 +42,7 @@ impl Track {
             let face = landmarks.as_ref().map(|landmarks| Face { landmarks, appearance: appearance.as_ref() });
             let solution = face.and_then(|face| pipeline.solver.solve(face, &camera, frame.captured_us).ok());
             track.coefficients.push(solution.map(|solution| solution.smoothed.0));
-            track.looks.push(Look::at(frame.picture().unwrap(), landmarks.as_ref()));
+            track.looks.push(Look::at(frame.picture().unwrap(), face));
             track.landmarks = landmarks.unwrap_or(track.landmarks);
             track.boxes.push(bounds(&track.landmarks));
         }
@@ -80,7 +80,7 @@ impl Track {
             |value: fn(&FaceLook) -> f32| mean(self.looks.iter().filter_map(|look| look.face.as_ref()).map(value));
         format!(
             "r {r:.3} | brightness {brightness:3.0} | face {:3.0}, around {:3.0}, \
-             contrast {:4.1}, noise {:4.1}, {:3.0} px, {:.3}, cut off {:.2} | {}",
+             contrast {:4.1}, noise {:4.1}, {:3.0} px, {:.3}, cut off {:.2}, score {:4.1} | {}",
             face(|face| face.light.brightness),
             face(|face| face.surroundings),
             face(|face| face.light.contrast),
@@ -88,6 +88,7 @@ impl Track {
             face(|face| face.size_px),
             face(|face| face.size),
             face(|face| face.cut_off),
+            face(|face| face.score),
             self.told(),
         )
     }

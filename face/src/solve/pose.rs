@@ -29,6 +29,14 @@ impl Camera {
     pub fn new([width_px, height_px]: [f32; 2], horizontal_fov_deg: f32) -> Self {
         Self { width_px, height_px, horizontal_fov_deg }
     }
+
+    /// The same picture by a camera on its side, whose angle of view was that across the height of the picture.
+    #[must_use]
+    pub fn on_its_side(self) -> Self {
+        let across_height = (0.5 * self.horizontal_fov_deg).to_radians().tan();
+        let half_angle = (across_height * self.width_px / self.height_px).atan();
+        Self { horizontal_fov_deg: 2.0 * half_angle.to_degrees(), ..self }
+    }
 }
 
 /// Position and orientation of the head.
@@ -94,6 +102,14 @@ mod tests {
 
     fn assert_near(a: &[f32], b: &[f32], tolerance: f32) {
         assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance), "{a:?} in place of {b:?}");
+    }
+
+    #[test]
+    fn a_camera_on_its_side_sees_a_head_where_the_upright_one_sees_it() {
+        let upright = Camera::new([640.0, 480.0], 60.0);
+        let focal_px = |camera: Camera| 0.5 * camera.width_px / (0.5 * camera.horizontal_fov_deg).to_radians().tan();
+        let sideways = Camera::new([480.0, 640.0], 60.0).on_its_side();
+        assert!((focal_px(sideways) - focal_px(upright)).abs() < 1e-2, "{sideways:?}");
     }
 
     #[test]

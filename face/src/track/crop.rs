@@ -9,7 +9,7 @@ use std::ops::Range;
 use facewire_engine::kernels::sample::{Line, WHITE, sample};
 
 use crate::infer::Network;
-use crate::picture::Picture;
+use crate::picture::{Picture, Rotation};
 
 use super::block::{Block, Planes, Row};
 use super::landmarks::FaceBox;
@@ -44,10 +44,10 @@ pub enum Border {
 }
 
 /// Sizes of blocks, in columns and rows of samples. [`crop`] takes the first size whose pixels fit the memory. A region
-/// with a black border is not rotated, so that few pixels lie around a single row of samples.
-const ROTATED_BLOCKS: [[usize; 2]; 10] =
+/// with a black border is not tilted, so that few pixels lie around a single row of samples.
+const TILTED_BLOCKS: [[usize; 2]; 10] =
     [[96, 96], [96, 48], [96, 24], [48, 48], [48, 24], [48, 12], [32, 16], [32, 8], [16, 16], [8, 8]];
-const UPRIGHT_BLOCKS: [[usize; 2]; 3] = [[MAX_SIDE, 1], [48, 1], [8, 1]];
+const LEVEL_BLOCKS: [[usize; 2]; 3] = [[MAX_SIDE, 1], [48, 1], [8, 1]];
 
 /// The rows of samples that [`crop`] writes, with three values for each sample.
 pub trait Rows {
@@ -67,7 +67,7 @@ impl<const VALUES: usize> Rows for Vec<[f32; VALUES]> {
     }
 }
 
-/// Samples `picture` inside `region`. A region larger than 32,000 px is sampled as if its size were 32,000 px.
+/// Samples the upright `picture` inside `region`. A region larger than 32,000 px is sampled as if its size were 32,000 px.
 #[expect(clippy::cast_possible_truncation, reason = "saturates: a position so far outside is border in any case")]
 pub fn crop(
     picture: &Picture,
@@ -79,21 +79,33 @@ pub fn crop(
     let CropShape { side, border, .. } = shape;
     let mapping = region.mapping();
     let pitch = 1.0 / side as f32;
-    let step = mapping.across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
+    let across = in_rows(picture.rotation, mapping.across);
+    let step = across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
     let mut rows = [Row { start: [0; 2], step }; MAX_SIDE];
     for (number, row) in rows.iter_mut().enumerate().take(side) {
+        let start = picture.in_rows(mapping.to_picture(0.0, number as f32 * pitch));
         // With 1/64 px added, rounding down gives the nearest 1/32 px.
-        row.start =
-            mapping.to_picture(0.0, number as f32 * pitch).map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND));
+        row.start = start.map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND));
     }
     let mut crop = Crop { planes: Planes::new(picture), shape, block };
-    let sizes: &[_] = if border == Border::Black { &UPRIGHT_BLOCKS } else { &ROTATED_BLOCKS };
+    let is_level = border == Border::Black && !picture.rotation.is_sideways();
+    let sizes: &[_] = if is_level { &LEVEL_BLOCKS } else { &TILTED_BLOCKS };
     let fitting = sizes.iter().find(|size| Block::holds(**size, step));
     let [columns, height] = fitting.or(sizes.last()).copied().unwrap_or([1, 1]);
     for (number, rows) in rows.get(..side).unwrap_or(&rows).chunks(height).enumerate() {
         for first in (0..side).step_by(columns) {
             crop.write(number * height, rows, first..side.min(first + columns), output);
         }
+    }
+}
+
+/// The direction in the rows of a direction in the upright picture.
+fn in_rows(rotation: Rotation, [right, down]: [f32; 2]) -> [f32; 2] {
+    match rotation {
+        Rotation::None => [right, down],
+        Rotation::Quarter => [down, -right],
+        Rotation::Half => [-right, -down],
+        Rotation::ThreeQuarters => [-down, right],
     }
 }
 
@@ -226,6 +238,38 @@ mod tests {
             let level = if is_inside { 3.0 * x.min(15.0) + 10.0 * y.min(15.0) } else { 0.0 };
             let wanted = 2.0 * level / 255.0 - 1.0;
             assert!(sample.iter().all(|value| (value - wanted).abs() < 1e-4), "{x} {y}: {sample:?}");
+        }
+    }
+
+    #[test]
+    fn a_picture_that_is_turned_gives_the_samples_of_the_upright_one() {
+        const SIZE: [usize; 2] = [60, 40];
+        let level = |[x, y]: [usize; 2]| (3 * x + 2 * y) as u8;
+        let region = FaceBox { centre: [31.0, 19.5], size: 28.0, angle_rad: 0.3 };
+        let mut block = Block::default();
+        for (shape, region) in [
+            (CropShape { side: 64, range: [0.0, 255.0], border: Border::Replicate }, region),
+            (CropShape { side: 64, range: [0.0, 255.0], border: Border::Black }, FaceBox { angle_rad: 0.0, ..region }),
+        ] {
+            let mut seen = Rotation::ALL.map(|rotation| {
+                let [width, height] = if rotation.is_sideways() { [SIZE[1], SIZE[0]] } else { SIZE };
+                let empty = vec![0; width * height];
+                let pixels = |data| Pixels::Grey { data, stride: width };
+                let turned = Picture { rotation, ..Picture::new(width, height, pixels(&empty), true).expect("whole") };
+                assert_eq!(turned.size_px(), SIZE.map(|side| side as f32));
+                let mut data = empty.clone();
+                for at in (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y])) {
+                    let [x, y] = turned.in_rows(at.map(|place| place as f32)).map(|place| place as usize);
+                    data[y * width + x] = level(at);
+                }
+                samples(&Picture { pixels: pixels(&data), ..turned }, &region, shape, &mut block)
+            });
+            let [upright, turned @ ..] = &mut seen;
+            for turned in turned {
+                let errors = turned.iter().zip(&*upright).map(|(one, other)| (one[0] - other[0]).abs());
+                // A position is rounded to 1/32 px, in the direction of the rows.
+                assert!(errors.fold(0.0, f32::max) < 5.5 / 32.0);
+            }
         }
     }
 

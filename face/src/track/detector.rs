@@ -42,8 +42,7 @@ impl Detector {
     /// Returns the region of interest around the face with the highest score that is not among the `known` ones, or `None`
     /// if there is no face.
     pub fn find(&mut self, picture: &Picture, known: &[FaceBox]) -> Result<Option<FaceBox>, InferError> {
-        let width = picture.width as f32;
-        let height = picture.height as f32;
+        let [width, height] = picture.size_px();
         let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
         crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
         self.network.run()?;

@@ -65,13 +65,16 @@ pub struct Appearance {
     pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
     /// What the network of the eyes gives.
     pub eyes: EyeValues,
+    /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are 17 to 30 for a face in view, and
+    /// mostly below 15 for one that is upside down or whose eyes are covered.
+    pub score: f32,
 }
 
 impl Appearance {
     /// All values 0.
     pub fn zero() -> Self {
         let skin = vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into();
-        Self { skin, eyes: EyeValues::default() }
+        Self { skin, eyes: EyeValues::default(), score: 0.0 }
     }
 
     /// Samples the map of a network at landmarks whose coordinates count samples of the network's input.

@@ -98,11 +98,8 @@ impl Mesh {
 
     /// Returns the landmarks of the face inside `region`, in pixels of the picture, if the network sees one there.
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
-        crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
-        self.backbone.run()?;
-        if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
-            return Ok(None);
-        }
+        let Some(score) = self.run_backbone(picture, region)? else { return Ok(None) };
+        self.appearance.score = score;
         let mesh = self.backbone.output(0).as_chunks::<3>().0;
         let map = FeatureMap::new(self.backbone.output(2));
         self.landmarks.0.iter_mut().zip(mesh).for_each(|(point, found)| *point = *found);
@@ -120,6 +117,22 @@ impl Mesh {
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
         self.appearance.eyes = self.eyes.read()?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
+    }
+
+    /// Returns the score of the face inside `region`, if the network sees one there, and the region for the next picture.
+    pub fn look(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<(f32, FaceBox)>, InferError> {
+        let Some(score) = self.run_backbone(picture, region)? else { return Ok(None) };
+        let mut landmarks = Landmarks::zero();
+        landmarks.0.iter_mut().zip(self.backbone.output(0).as_chunks().0).for_each(|(point, found)| *point = *found);
+        to_picture(region, &mut landmarks);
+        Ok(FaceBox::following(&landmarks).map(|region| (score, region)))
+    }
+
+    /// Returns the network's log-odds that `region` shows a face, if one is more likely than none.
+    fn run_backbone(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<f32>, InferError> {
+        crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
+        self.backbone.run()?;
+        Ok(self.backbone.output(1).first().copied().filter(|flag| *flag >= MIN_FLAG))
     }
 
     /// The face that was found last.

@@ -10,6 +10,8 @@ mod landmarks;
 mod mesh;
 pub(crate) mod refinement;
 
+use std::f32::consts::FRAC_PI_4;
+
 use crate::infer::{Engine, InferError};
 use crate::picture::Picture;
 
@@ -50,6 +52,17 @@ impl Tracker {
         let found = self.mesh.find(picture, region)?;
         self.region = found.and_then(FaceBox::following);
         Ok(found)
+    }
+
+    /// Searches the picture for a face that stands upright, and returns its [`score`](Appearance::score), or 0 if there is
+    /// none. The face that is followed stays as it is.
+    pub fn upright_score(&mut self, picture: &Picture) -> Result<f32, InferError> {
+        let Some(detected) = self.detector.find(picture, &[])? else { return Ok(0.0) };
+        // The mesh sees the detector's region tilted and off the middle, so that it doubts the face at first.
+        let Some((_, region)) = self.mesh.look(picture, &detected)? else { return Ok(0.0) };
+        let seen = self.mesh.look(picture, &region)?;
+        let upright = seen.filter(|(_, region)| region.angle_rad.abs() < FRAC_PI_4);
+        Ok(upright.map_or(0.0, |(score, _)| score))
     }
 
     /// The face in the last picture, if there was one.

@@ -30,7 +30,9 @@ pub(super) fn picture_of(pictures: Asker, size: Option<[usize; 2]>) -> Result<Ta
         let points = |landmarks: Landmarks| landmarks.0.iter().map(|[x, y, _]| [*x, *y]).collect();
         let Snapshot { format, size: [width, height], full_range, time_us, landmarks, bytes, .. } = copy;
         let landmarks = landmarks.map(points);
-        let head = PictureHead { format, width, height, full_range, bytes: bytes.len(), time_us, landmarks };
+        let rotation_deg = copy.rotation.degrees();
+        let head =
+            PictureHead { format, width, height, rotation_deg, full_range, bytes: bytes.len(), time_us, landmarks };
         Some((Reply::Picture(head), bytes))
     })))
 }

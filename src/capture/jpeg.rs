@@ -1,4 +1,4 @@
-//! Decodes JPEG into planar `YCbCr`, without colour conversion, in memory of fixed capacity.
+//! Decodes JPEG into planar `YCbCr` or packed RGB, without colour conversion, in memory of fixed capacity.
 //!
 //! The header is checked before the image is decoded, so no image can write past the buffer: libjpeg-turbo lays out the
 //! planes by the subsampling of the image, and the buffer holds the announced size at 4:4:4. libjpeg-turbo takes the
@@ -14,9 +14,10 @@ mod cleaner;
 
 use std::mem::take;
 
-use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
+use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Image, PixelFormat, Subsamp, YuvImage};
 
 use self::cleaner::clean;
+pub(super) use self::cleaner::image_size;
 use super::{CaptureError, FrameFault};
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 
@@ -25,9 +26,11 @@ use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 const MAX_SCANS: u32 = 20;
 /// Largest number of columns or rows that share one chroma sample (4:1:1, 4:4:1).
 const MAX_SUBSAMPLING: usize = 4;
+/// Bytes of a pixel of an image whose components are red, green and blue.
+const RGB_BYTES: usize = 3;
 /// Images that are cleaned at once after one that needed it. Cameras that send stray bytes do so in most of their images.
 const CLEANED_AT_ONCE: u32 = 300;
-const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
+pub(super) const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
 const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 
 /// Decodes JPEG images of one size.
@@ -36,7 +39,7 @@ pub struct JpegDecoder {
     decompressor: Decompressor,
     planes: Vec<u8>,
     pub(super) size: [usize; 2],
-    decoded: Option<Subsamp>,
+    decoded: Option<DecompressHeader>,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,
     clean_at_once: u32,
@@ -103,11 +106,17 @@ impl JpegDecoder {
     fn decode_strictly(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         let header = self.decompressor.read_header(jpeg).map_err(|_| self.corrupt())?;
         self.check(&header)?;
-        let subsamp = header.subsamp;
         let [width, height] = self.size;
-        let image = YuvImage { pixels: self.planes.as_mut_slice(), width, align: 1, height, subsamp };
-        self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
-        self.decoded = Some(subsamp);
+        let pixels = self.planes.as_mut_slice();
+        let decoded = if header.colorspace == Colorspace::RGB {
+            let image = Image { pixels, width, pitch: RGB_BYTES * width, height, format: PixelFormat::RGB };
+            self.decompressor.decompress(jpeg, image)
+        } else {
+            let image = YuvImage { pixels, width, align: 1, height, subsamp: header.subsamp };
+            self.decompressor.decompress_to_yuv(jpeg, image)
+        };
+        decoded.map_err(|_| self.corrupt())?;
+        self.decoded = Some(header);
         Ok(())
     }
 
@@ -126,23 +135,35 @@ impl JpegDecoder {
         if [width, height] != self.size {
             return Err(FrameFault::WrongSize { width, height });
         }
-        let grey = subsamp == Subsamp::Gray && colorspace == Colorspace::Gray;
-        let colour = chroma_shift(subsamp).is_some() && colorspace == Colorspace::YCbCr;
-        let is_usual = (grey || colour) && !header.is_lossless && !header.is_arithmetic;
-        if is_usual { Ok(()) } else { Err(FrameFault::Layout) }
+        let unsupported = |kind| Err(FrameFault::Unsupported(kind));
+        match colorspace {
+            _ if header.is_lossless => unsupported("a lossless JPEG image"),
+            _ if header.is_arithmetic => unsupported("a JPEG image with arithmetic coding"),
+            Colorspace::CMYK | Colorspace::YCCK => unsupported("a CMYK image"),
+            Colorspace::YCbCr if chroma_shift(subsamp).is_none() => {
+                unsupported("a JPEG image with an unusual chroma subsampling")
+            }
+            _ => Ok(()),
+        }
     }
 
     fn pixels(&self) -> Option<Pixels<'_>> {
-        let subsamp = self.decoded?;
+        let DecompressHeader { subsamp, colorspace, .. } = self.decoded?;
         let [width, height] = self.size;
-        if subsamp == Subsamp::Gray {
-            return Some(Pixels::Grey { data: &self.planes, stride: width });
+        let data = self.planes.as_slice();
+        match colorspace {
+            Colorspace::Gray => return Some(Pixels::Grey { data, stride: width }),
+            Colorspace::RGB => {
+                let stride = RGB_BYTES * width;
+                return Some(Pixels::Packed { data, stride, step: RGB_BYTES, rgb: [0, 1, 2] });
+            }
+            _ => {}
         }
         let columns = subsamp.width();
         let rows = subsamp.height();
         let stride = width.next_multiple_of(columns);
         let chroma_stride = width.div_ceil(columns);
-        let (luma, rest) = self.planes.split_at_checked(stride * height.next_multiple_of(rows))?;
+        let (luma, rest) = data.split_at_checked(stride * height.next_multiple_of(rows))?;
         let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
         let strides = [stride, chroma_stride];
         Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(subsamp)? })

@@ -101,7 +101,7 @@ fn an_image_of_another_kind_or_size_is_refused_with_its_fault() {
     let endless_scans = [start, &last.repeat(10_000), END_OF_IMAGE].concat();
     let wider = jpeg(WIDTH + 1, HEIGHT, Subsamp::Sub2x2);
     let table: [(&[u8], _); 6] = [
-        (&lossless, FrameFault::Layout),
+        (&lossless, FrameFault::Unsupported("a lossless JPEG image")),
         (&endless_scans, FrameFault::Corrupt),
         (&wider, FrameFault::WrongSize { width: WIDTH + 1, height: HEIGHT }),
         (b"GIF89a", FrameFault::NotJpeg),

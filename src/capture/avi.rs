@@ -135,7 +135,7 @@ struct Header {
 /// Reads the chunks of a RIFF stream one after the other, without seeking.
 ///
 /// A `RIFF` or a `LIST` holds chunks in turn. The reader continues with its content, whatever its size. It only remembers
-/// where a `RIFF` ends, to tell a complete file from one that is cut off between two chunks.
+/// where the frames end, to tell a complete file from one that is cut off between two chunks.
 #[derive(Debug)]
 struct Riff<R> {
     reader: R,
@@ -146,7 +146,7 @@ struct Riff<R> {
     offset: u64,
     /// Offset at which the next chunk should begin. A byte of padding more or less is tolerated.
     expected: u64,
-    /// Offset at which the current `RIFF` ends, if it states a size.
+    /// Offset at which the frames of the current `RIFF` end, if it states a size.
     end: Option<u64>,
     /// The digits with which the names of the chunks of the first video stream begin.
     stream: [u8; 2],
@@ -191,7 +191,7 @@ impl<R: Read> Riff<R> {
             fields.iter_mut().zip(content).take(length).for_each(|(field, byte)| *field = *byte);
             if id == *b"RIFF" || id == *b"LIST" {
                 let kind = content.first_chunk().copied().ok_or_else(early)?;
-                self.enter(id, bytes);
+                self.enter(bytes, kind);
                 if kind == *b"movi" {
                     break;
                 }
@@ -252,12 +252,9 @@ impl<R: Read> Riff<R> {
             match id {
                 // Within another chunk only a frame is believed, because that chunk may be cut short.
                 _ if is_within => {}
-                [b'R', b'I', b'F', b'F'] if content.starts_with(b"AVI") => {
-                    self.enter(id, bytes);
-                    continue;
-                }
-                [b'L', b'I', b'S', b'T'] if content.len() >= 4 => {
-                    self.enter(id, bytes);
+                [b'R', b'I', b'F', b'F'] | [b'L', b'I', b'S', b'T'] => {
+                    let kind = content.first_chunk().copied().unwrap_or_default();
+                    self.enter(bytes, kind);
                     continue;
                 }
                 [b'i', b'd', b'x', b'1'] => {
@@ -311,20 +308,25 @@ impl<R: Read> Riff<R> {
     /// Whether the stream ended properly, now that fewer bytes are left than a chunk has.
     fn at_end(&mut self) -> io::Result<Option<u32>> {
         let end_of_file = self.end_of_read();
-        let left = end_of_file.saturating_sub(self.expected.max(self.offset));
+        let next = self.expected.max(self.offset);
+        let left = end_of_file.saturating_sub(next);
         // Some writers count the 8 bytes before the content, too.
         let is_all =
             self.end.is_none_or(|end| end_of_file + CHUNK_BYTES as u64 >= end) && end_of_file + 1 >= self.expected;
-        let is_behind = self.end.is_some_and(|end| self.offset >= end) || self.offset > self.expected + 1;
+        let is_behind = self.end.is_some_and(|end| next >= end) || self.offset > self.expected + 1;
         if is_all && (is_behind || left <= 1) { Ok(None) } else { Err(ErrorKind::UnexpectedEof.into()) }
     }
 
     /// Passes the beginning of a part or a list.
-    fn enter(&mut self, id: [u8; 4], bytes: u32) {
+    fn enter(&mut self, bytes: u32, kind: [u8; 4]) {
         self.count_stray_bytes();
-        if id == *b"RIFF" {
-            let is_known = bytes != 0 && bytes < MAX_RIFF_BYTES;
-            self.end = is_known.then_some(self.offset + CHUNK_BYTES as u64 + u64::from(bytes));
+        let is_known = bytes != 0 && bytes < MAX_RIFF_BYTES;
+        let end = is_known.then_some(self.offset + CHUNK_BYTES as u64 + u64::from(bytes));
+        match &kind {
+            b"AVI " | b"AVIX" => self.end = end,
+            // Nothing is lost with what follows the frames.
+            b"movi" => self.end = end.or(self.end),
+            _ => {}
         }
         self.advance(LIST_BYTES);
         self.expected = self.offset;
@@ -486,15 +488,16 @@ mod tests {
         for length in 0..movi {
             assert!(open(&film[..length]).is_err_and(|error| error.to_string().contains("the AVI file")), "{length}");
         }
-        for length in movi..index + 8 {
+        for length in movi..index - 1 {
             let complete = starts.iter().filter(|&start| start + 8 + frame().len() <= length).count();
             let (numbers, errors) = play(&film[..length]);
             let place = format!("cut short at byte {length}, in frame {complete};");
             assert!(numbers.len() == complete && errors.len() == 1, "{length}: {errors:?}");
             assert!(errors[0].to_string().contains(&place), "{errors:?}");
         }
-        for length in index + 8..=film.len() {
-            assert_eq!(play(&film[..length]).1.len(), 0, "nothing is lost with the index");
+        for length in index - 1..=film.len() {
+            let (_, errors) = play(&film[..length]);
+            assert!(errors.is_empty(), "nothing is lost with padding and index: {length} of {index}: {errors:?}");
         }
     }
 

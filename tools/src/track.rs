@@ -143,7 +143,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     }
     match track.source.take_tally().stray_bytes {
         0 => {}
-        bytes => say(format_args!("{bytes} bytes of {} belong to no frame and were passed over", args.input)),
+        bytes => say(format_args!("{}: bytes that belong to no frame and were passed over: {bytes}", args.input)),
     }
     outcome?;
     track.judge()

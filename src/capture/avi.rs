@@ -12,7 +12,7 @@ use std::io::{self, ErrorKind, Read, Seek};
 use std::mem::take;
 use std::ops::Range;
 
-use super::jpeg::{JpegDecoder, START_OF_IMAGE, image_size};
+use super::jpeg::{END_OF_IMAGE, JpegDecoder, START_OF_IMAGE, image_size};
 use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source, Tally};
 
 /// Number of bytes of a header chunk that are read.
@@ -24,7 +24,14 @@ const LIST_BYTES: usize = 12;
 /// The beginning of a frame: the chunk's name and size, and the start marker of its image.
 const FRAME_BYTES: usize = CHUNK_BYTES + START_OF_IMAGE.len();
 /// Number of bytes in which the first image is looked for.
-const AHEAD_BYTES: usize = 256 * 1024;
+const AHEAD_BYTES: usize = 1024 * 1024;
+/// Largest number of bytes that are read at once, unless more are wanted.
+const READ_BYTES: usize = 64 * 1024;
+/// Bytes by which a chunk may begin later than it should, because its writer fills up words of 4 bytes. It may begin one byte
+/// sooner, because its writer does not fill up any.
+const MAX_PADDING_BYTES: u64 = 3;
+/// No chunk of a header has more bytes.
+const MAX_HEADER_BYTES: u32 = 1_000_000;
 /// Larger sizes of RIFF parts are those of a file that was not finished. Parts of 2 GB have no proper size in many files.
 const MAX_RIFF_BYTES: u32 = 0x7fff_0000;
 /// Largest chunk of sound that is believed where no chunk should begin.
@@ -50,13 +57,15 @@ impl<R: Read> AviSource<R> {
     pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
         let mut riff = Riff::new(reader);
         let Header { size, codec, rate: stated } = riff.read_header()?;
-        // The size of the images is true where that of the header is another.
-        let image = riff.first_image()?;
+        // Where the header states another size than the images have, theirs is true.
+        let image = riff.first_image(size)?;
         if image.is_none() && ![*b"MJPG", *b"JPEG"].contains(&codec) {
             return Err(refuse(&format!("is not Motion-JPEG, but `{}`", codec.escape_ascii())));
         }
-        let [width, height] = image.unwrap_or(size);
-        let decoder = JpegDecoder::new(width, height)?;
+        let decoder = match image.unwrap_or((size, false)) {
+            ([width, height], false) => JpegDecoder::new(width, height)?,
+            ([width, height], true) => JpegDecoder::of_fields(width, height)?,
+        };
         riff.buffer.resize(AHEAD_BYTES.max(decoder.max_jpeg_bytes() + FRAME_BYTES), 0);
         let origin = origin.to_owned();
         let rate = stated.unwrap_or(rate);
@@ -119,7 +128,7 @@ impl<R: Read> Source for AviSource<R> {
     }
 
     fn describe(&self) -> Description<'_> {
-        let [width, height] = self.decoder.size;
+        let [width, height] = self.decoder.picture_size();
         Description { origin: &self.origin, format: "MJPEG", width, height, rate: Some(self.rate) }
     }
 }
@@ -144,7 +153,7 @@ struct Riff<R> {
     ahead: Range<usize>,
     /// Offset of that part in the file.
     offset: u64,
-    /// Offset at which the next chunk should begin. A byte of padding more or less is tolerated.
+    /// Offset at which the next chunk should begin.
     expected: u64,
     /// Offset at which the frames of the current `RIFF` end, if it states a size.
     end: Option<u64>,
@@ -169,7 +178,7 @@ impl<R: Read> Riff<R> {
     /// Reads the header, up to the first frame. The offsets are those of `AVIMAINHEADER`, `AVISTREAMHEADER` and
     /// `BITMAPINFOHEADER`.
     fn read_header(&mut self) -> Result<Header, CaptureError> {
-        let is_avi = matches!(self.peek(LIST_BYTES)?, [b'R', b'I', b'F', b'F', _, _, _, _, b'A', b'V', b'I', b' ', ..]);
+        let is_avi = matches!(self.peek(LIST_BYTES)?, [b'R', b'I', b'F', b'F', _, _, _, _, b'A', b'V', b'I', ..]);
         if !is_avi {
             return Err(refuse("is not an AVI file"));
         }
@@ -196,6 +205,11 @@ impl<R: Read> Riff<R> {
                     break;
                 }
                 continue;
+            }
+            // The list of the frames was missed.
+            let is_behind = bytes > MAX_HEADER_BYTES || matches!(id, [b'0'..=b'9', b'0'..=b'9', b'd', _]);
+            if is_behind && picture.is_some() {
+                break;
             }
             let is_whole = self.pass(CHUNK_BYTES as u64 + u64::from(bytes))?;
             let padding = self.peek(1)?.first().is_some_and(|byte| bytes % 2 == 1 && !byte.is_ascii_alphanumeric());
@@ -225,12 +239,21 @@ impl<R: Read> Riff<R> {
         Ok(Header { size, codec, rate: rate.or(main_rate) })
     }
 
-    /// Returns the size of the first image, if it comes soon.
-    fn first_image(&mut self) -> io::Result<Option<[usize; 2]>> {
+    /// Returns the size of the first image, if it comes soon, and whether it has only every second row of a picture of the
+    /// stated size. The other rows are then in a second image, in the same frame or in the next one.
+    fn first_image(&mut self, stated: [usize; 2]) -> io::Result<Option<([usize; 2], bool)>> {
         let stream = self.stream;
         let ahead = self.peek(AHEAD_BYTES)?;
-        let images = ahead.windows(FRAME_BYTES).enumerate().filter(|(_, bytes)| begins_frame(bytes, stream));
-        Ok(images.filter_map(|(at, _)| image_size(ahead.get(at + CHUNK_BYTES..)?)).next())
+        let is_frame = |at: &usize| ahead.get(*at..).is_some_and(|bytes| begins_frame(bytes, stream));
+        let found = (0..ahead.len()).filter(is_frame).find_map(|at| {
+            let (_, bytes) = chunk(ahead.get(at..)?)?;
+            let content = ahead.get(at + CHUNK_BYTES..)?;
+            let size = image_size(content)?;
+            let frame = content.get(..bytes as usize).unwrap_or(content);
+            let is_low = size[0] == stated[0] && 4 * size[1] < 3 * stated[1];
+            Some((size, is_low && (2 * size[1] == stated[1] || has_second_image(frame))))
+        });
+        Ok(found)
     }
 
     /// Passes the beginning of the next frame, and all that is before it. Returns the number of bytes that the frame states.
@@ -239,7 +262,7 @@ impl<R: Read> Riff<R> {
         loop {
             let stream = self.stream;
             let is_within = self.offset + 1 < self.expected;
-            let is_in_place = self.offset.abs_diff(self.expected) <= 1;
+            let is_in_place = !is_within && self.offset <= self.expected + MAX_PADDING_BYTES;
             let next = self.peek(LIST_BYTES)?;
             let Some((id, bytes)) = chunk(next) else { return self.at_end() };
             let content = next.get(CHUNK_BYTES..).unwrap_or_default();
@@ -257,7 +280,7 @@ impl<R: Read> Riff<R> {
                     self.enter(bytes, kind);
                     continue;
                 }
-                [b'i', b'd', b'x', b'1'] => {
+                [b'i', b'd', b'x', b'1'] if is_in_place => {
                     self.count_stray_bytes();
                     // A file that is cut off within its index has all of its frames.
                     self.pass(CHUNK_BYTES as u64 + u64::from(bytes))?;
@@ -323,9 +346,9 @@ impl<R: Read> Riff<R> {
         let is_known = bytes != 0 && bytes < MAX_RIFF_BYTES;
         let end = is_known.then_some(self.offset + CHUNK_BYTES as u64 + u64::from(bytes));
         match &kind {
-            b"AVI " | b"AVIX" => self.end = end,
+            [b'A', b'V', b'I', _] => self.end = end,
             // Nothing is lost with what follows the frames.
-            b"movi" => self.end = end.or(self.end),
+            b"movi" => self.end = end.into_iter().chain(self.end).min(),
             _ => {}
         }
         self.advance(LIST_BYTES);
@@ -355,7 +378,8 @@ impl<R: Read> Riff<R> {
             self.ahead = 0..self.ahead.len();
         }
         while self.ahead.len() < bytes {
-            let room = self.buffer.get_mut(self.ahead.end..).unwrap_or_default();
+            let room = READ_BYTES.max(bytes - self.ahead.len()).min(self.buffer.len() - self.ahead.end);
+            let room = self.buffer.get_mut(self.ahead.end..).and_then(|rest| rest.get_mut(..room)).unwrap_or_default();
             match self.reader.read(room) {
                 Ok(0) => break,
                 Ok(read) => self.ahead.end += read,
@@ -406,14 +430,23 @@ fn is_frame_name(id: [u8; 4], stream: [u8; 2]) -> bool {
     [tens, ones] == stream && d == b'd' && matches!(kind, b'c' | b'b')
 }
 
-/// Whether a frame with an image begins here. So many bytes are not found by chance.
+/// Whether another image follows the first one. An image within the header of the first one does not count.
+fn has_second_image(frame: &[u8]) -> bool {
+    let end = frame.windows(END_OF_IMAGE.len()).position(|bytes| bytes == END_OF_IMAGE);
+    let rest = end.and_then(|at| frame.get(at..)).unwrap_or_default();
+    rest.windows(START_OF_IMAGE.len()).any(|bytes| bytes == START_OF_IMAGE)
+}
+
+/// Whether a frame begins here that has an image, or was dropped. So many bytes are not found by chance.
 fn begins_frame(bytes: &[u8], stream: [u8; 2]) -> bool {
-    chunk(bytes).is_some_and(|(id, _)| is_frame_name(id, stream))
-        && bytes.get(CHUNK_BYTES..).is_some_and(|content| content.starts_with(START_OF_IMAGE))
+    let Some((id, size)) = chunk(bytes) else { return false };
+    is_frame_name(id, stream)
+        && (size == 0 || bytes.get(CHUNK_BYTES..).is_some_and(|content| content.starts_with(START_OF_IMAGE)))
 }
 
 #[cfg(test)]
 mod tests {
+    use facewire_face::Pixels;
     use turbojpeg::Subsamp;
 
     use super::super::jpeg::tests::jpeg;
@@ -517,7 +550,7 @@ mod tests {
     }
 
     #[test]
-    fn all_frames_are_read_whatever_sizes_riff_and_movi_state_and_so_are_all_parts_of_an_opendml_film() {
+    fn all_frames_are_read_whatever_sizes_riff_and_movi_state_and_so_are_all_parts_of_an_opendml_video() {
         let film = avi(&[frame(), frame(), frame()]);
         let movi = position(&film, b"movi");
         let index = position(&film, b"idx1");
@@ -557,6 +590,13 @@ mod tests {
             ("text that looks like a huge chunk", before(b"textTEXT"), all, 8),
             ("an unknown chunk", before(&unknown), all, 28),
             ("another padding", before(&chunk(b"JUNK", &[0; 4])), all, 0),
+            (
+                "padding to words of 4 bytes before a dropped frame",
+                before(&[&[0; 3], &chunk(b"01dc", &[])[..]].concat()),
+                &[0, 2, 3],
+                3,
+            ),
+            ("zeros before a dropped frame", before(&[&[0; 300], &chunk(b"01dc", &[])[..]].concat()), &[0, 2, 3], 300),
             ("a sound chunk that is cut short", before(&[&b"00wb"[..], &[200, 0, 0, 0, 1, 2]].concat()), all, 0),
             ("stray bytes before sound", before(&[&[9; 5], &chunk(b"00wb", &[0; 40])[..]].concat()), all, 5),
             ("no padding", altered(&film, |at| at - 1..at, &[]), all, 0),
@@ -582,6 +622,11 @@ mod tests {
             let movi = list(b"LIST", b"movi", &[chunk(b"01dc", &[]), chunk(b"01dc", &frame())]);
             list(b"RIFF", b"AVI ", &[header, movi])
         };
+        let mut without_list = film(avi_header(16, b"MJPG"));
+        let movi = position(&without_list, b"movi");
+        without_list[movi - 8..movi + 4].fill(b' ');
+        without_list[movi - 4..movi].fill(0xff);
+        assert_eq!(play(&without_list).0, [1], "the list of the frames is damaged");
         for (width, codec) in [(8, b"MJPG"), (9000, b"mjpg"), (0, b"AVRn"), (16, b"dmb1"), (16, &[0; 4])] {
             let film = film(avi_header(width, codec));
             assert_eq!(open(&film).unwrap().describe().to_string(), "film: MJPEG 16x8 at 30 fps");
@@ -597,6 +642,33 @@ mod tests {
         film[main..main + 4].fill(0);
         let other = AviSource::open(&film[..], "film", FrameRate::new(25, 1).unwrap()).unwrap();
         assert_eq!(other.describe().to_string(), "film: MJPEG 16x8 at 25 fps");
+    }
+
+    #[test]
+    fn a_frame_of_two_fields_shows_the_rows_of_the_first_one_twice_and_a_single_image_is_as_high_as_it_is() {
+        for subsamp in [Subsamp::Sub2x2, Subsamp::Gray] {
+            let field = jpeg(16, 3, subsamp);
+            let film = |frame: &[u8]| {
+                let movi = list(b"LIST", b"movi", &[chunk(b"01dc", frame)]);
+                list(b"RIFF", b"AVI ", &[avi_header(16, b"MJPG"), movi])
+            };
+            let rows = |film: &[u8]| {
+                let mut source = open(film).unwrap();
+                let frame = source.next().unwrap().unwrap();
+                let (Pixels::Planar { planes: [data, ..], strides: [stride, _], .. } | Pixels::Grey { data, stride }) =
+                    frame.picture().unwrap().pixels
+                else {
+                    unreachable!()
+                };
+                let height = frame.picture().unwrap().height;
+                data.chunks(stride).take(height).map(<[u8]>::to_vec).collect::<Vec<_>>()
+            };
+            let single = rows(&film(&field));
+            let both = rows(&film(&[&field[..], &field].concat()));
+            assert_eq!((single.len(), both.len()), (3, 6));
+            assert!(both.chunks(2).zip(&single).all(|(pair, row)| pair[0] == *row && pair[1] == *row), "{subsamp:?}");
+            assert_eq!(rows(&film(&jpeg(16, 4, subsamp))).len(), 8, "half as high as the header says");
+        }
     }
 
     #[test]

@@ -31,14 +31,17 @@ const RGB_BYTES: usize = 3;
 /// Images that are cleaned at once after one that needed it. Cameras that send stray bytes do so in most of their images.
 const CLEANED_AT_ONCE: u32 = 300;
 pub(super) const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
-const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
+pub(super) const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 
 /// Decodes JPEG images of one size.
 #[derive(Debug)]
 pub struct JpegDecoder {
     decompressor: Decompressor,
     planes: Vec<u8>,
-    pub(super) size: [usize; 2],
+    /// Size of an image.
+    size: [usize; 2],
+    /// How often each of its rows is in the picture.
+    repeats: usize,
     decoded: Option<DecompressHeader>,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,
@@ -56,9 +59,21 @@ impl JpegDecoder {
         let planes = vec![0; 3 * columns * rows];
         let size = [width, height];
         let clean = Vec::new();
-        let mut decoder = Self { decompressor, planes, size, decoded: None, clean, clean_at_once: 0 };
+        let mut decoder = Self { decompressor, planes, size, repeats: 1, decoded: None, clean, clean_at_once: 0 };
         decoder.clean.reserve_exact(decoder.max_jpeg_bytes());
         Ok(decoder)
+    }
+
+    /// Makes a decoder for images of every second row of a picture. The picture has each of their rows twice.
+    pub(super) fn of_fields(width: usize, height: usize) -> Result<Self, CaptureError> {
+        let decoder = Self::new(width, 2 * height)?;
+        Ok(Self { size: [width, height], repeats: 2, ..decoder })
+    }
+
+    /// Width and height of the picture.
+    pub(super) fn picture_size(&self) -> [usize; 2] {
+        let [width, height] = self.size;
+        [width, self.repeats * height]
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
@@ -98,7 +113,7 @@ impl JpegDecoder {
     }
 
     pub fn picture(&self) -> Option<Picture<'_>> {
-        let [width, height] = self.size;
+        let [width, height] = self.picture_size();
         Picture::new(width, height, self.pixels()?, true)
     }
 
@@ -116,8 +131,24 @@ impl JpegDecoder {
             self.decompressor.decompress_to_yuv(jpeg, image)
         };
         decoded.map_err(|_| self.corrupt())?;
+        if self.repeats > 1 {
+            self.double_rows(&header);
+        }
         self.decoded = Some(header);
         Ok(())
+    }
+
+    /// Shows every row of all planes twice, the last one first, so that no row is overwritten before it was copied.
+    fn double_rows(&mut self, header: &DecompressHeader) {
+        let planes = layout(header);
+        let mut at: usize = planes.iter().map(|[stride, rows]| stride * rows).sum();
+        for [stride, rows] in planes.into_iter().rev() {
+            for _ in 0..rows {
+                at -= stride;
+                self.planes.copy_within(at..at + stride, 2 * at + stride);
+                self.planes.copy_within(at..at + stride, 2 * at);
+            }
+        }
     }
 
     /// Replaces the instance of libjpeg-turbo: after a bad header the old one would continue within that header, and
@@ -148,25 +179,33 @@ impl JpegDecoder {
     }
 
     fn pixels(&self) -> Option<Pixels<'_>> {
-        let DecompressHeader { subsamp, colorspace, .. } = self.decoded?;
-        let [width, height] = self.size;
+        let header = self.decoded?;
         let data = self.planes.as_slice();
-        match colorspace {
-            Colorspace::Gray => return Some(Pixels::Grey { data, stride: width }),
-            Colorspace::RGB => {
-                let stride = RGB_BYTES * width;
-                return Some(Pixels::Packed { data, stride, step: RGB_BYTES, rgb: [0, 1, 2] });
+        let [[stride, rows], [chroma_stride, chroma_rows], _] = layout(&header);
+        match header.colorspace {
+            Colorspace::Gray => Some(Pixels::Grey { data, stride }),
+            Colorspace::RGB => Some(Pixels::Packed { data, stride, step: RGB_BYTES, rgb: [0, 1, 2] }),
+            _ => {
+                let (luma, rest) = data.split_at_checked(stride * rows * self.repeats)?;
+                let (cb, cr) = rest.split_at_checked(chroma_stride * chroma_rows * self.repeats)?;
+                let strides = [stride, chroma_stride];
+                Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(header.subsamp)? })
             }
-            _ => {}
         }
-        let columns = subsamp.width();
-        let rows = subsamp.height();
-        let stride = width.next_multiple_of(columns);
-        let chroma_stride = width.div_ceil(columns);
-        let (luma, rest) = data.split_at_checked(stride * height.next_multiple_of(rows))?;
-        let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
-        let strides = [stride, chroma_stride];
-        Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(subsamp)? })
+    }
+}
+
+/// The stride and the number of rows of each plane of an image as it is decoded.
+fn layout(header: &DecompressHeader) -> [[usize; 2]; 3] {
+    let &DecompressHeader { width, height, subsamp, .. } = header;
+    match header.colorspace {
+        Colorspace::Gray => [[width, height], [0; 2], [0; 2]],
+        Colorspace::RGB => [[RGB_BYTES * width, height], [0; 2], [0; 2]],
+        _ => {
+            let [columns, rows] = [subsamp.width(), subsamp.height()];
+            let chroma = [width.div_ceil(columns), height.div_ceil(rows)];
+            [[width.next_multiple_of(columns), height.next_multiple_of(rows)], chroma, chroma]
+        }
     }
 }
 

@@ -181,7 +181,7 @@ impl Track<'_> {
 
     /// Fails if no frame could be read, and says so if none shows a face.
     fn judge(&self) -> Result<(), Failure> {
-        let input = &self.args.input;
+        let input = self.source.describe().origin;
         if self.frames == 0 {
             return Err(Failure::data(format!("{input} has no frame; record or convert it again")));
         }

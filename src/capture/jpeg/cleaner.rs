@@ -57,6 +57,7 @@ pub(super) fn clean(jpeg: &[u8], clean: &mut Vec<u8>) -> Result<(), FrameFault> 
 
 /// Returns the width and height that the header of an image states.
 pub(in super::super) fn image_size(jpeg: &[u8]) -> Option<[usize; 2]> {
+    jpeg.starts_with(START_OF_IMAGE).then_some(())?;
     let mut image = Image { jpeg, ..Image::default() };
     loop {
         let marker = image.marker(usize::MAX).ok()?;

@@ -34,7 +34,7 @@ const MAX_PADDING_BYTES: u64 = 3;
 const MAX_HEADER_BYTES: u32 = 1_000_000;
 /// Larger sizes of RIFF parts are those of a file that was not finished. Parts of 2 GB have no proper size in many files.
 const MAX_RIFF_BYTES: u32 = 0x7fff_0000;
-/// Largest chunk of sound that is believed where no chunk should begin.
+/// Largest chunk of padding whose size is believed, and largest chunk of sound where no chunk should begin.
 const MAX_STRAY_CHUNK_BYTES: u32 = 1 << 24;
 
 #[derive(Debug)]
@@ -288,13 +288,21 @@ impl<R: Read> Riff<R> {
                     self.end = Some(self.offset);
                     continue;
                 }
-                [b'J', b'U', b'N', b'K'] | [b'0'..=b'9', b'0'..=b'9', b'w', b'b']
-                    if is_in_place || bytes < MAX_STRAY_CHUNK_BYTES =>
-                {
+                // Padding may hold old frames.
+                [b'J', b'U', b'N', b'K'] if bytes <= MAX_STRAY_CHUNK_BYTES => {
+                    self.enter_chunk(bytes);
+                    self.pass(bytes.into())?;
+                    continue;
+                }
+                [b'0'..=b'9', b'0'..=b'9', b'w', b'b'] if bytes <= MAX_STRAY_CHUNK_BYTES => {
                     self.enter_chunk(bytes);
                     continue;
                 }
-                [b'0'..=b'9', b'0'..=b'9', ..] | [b'i', b'x', ..] if is_in_place => {
+                [b'0'..=b'9', b'0'..=b'9', b'a'..=b'z', b'a'..=b'z']
+                | [b'i', b'x', b'0'..=b'9', b'0'..=b'9']
+                | [b'J', b'U', b'N', b'K']
+                    if is_in_place =>
+                {
                     self.enter_chunk(bytes);
                     continue;
                 }
@@ -589,7 +597,8 @@ mod tests {
             ("zeros up to a boundary", before(&[0; 300]), all, 300),
             ("text that looks like a huge chunk", before(b"textTEXT"), all, 8),
             ("an unknown chunk", before(&unknown), all, 28),
-            ("another padding", before(&chunk(b"JUNK", &[0; 4])), all, 0),
+            ("padding with an old frame", before(&chunk(b"JUNK", &chunk(b"01dc", &frame()))), all, 0),
+            ("padding of 2 GB", before(b"JUNK\xff\xff\xff\x7f"), all, 0),
             (
                 "padding to words of 4 bytes before a dropped frame",
                 before(&[&[0; 3], &chunk(b"01dc", &[])[..]].concat()),
@@ -599,6 +608,7 @@ mod tests {
             ("zeros before a dropped frame", before(&[&[0; 300], &chunk(b"01dc", &[])[..]].concat()), &[0, 2, 3], 300),
             ("a sound chunk that is cut short", before(&[&b"00wb"[..], &[200, 0, 0, 0, 1, 2]].concat()), all, 0),
             ("stray bytes before sound", before(&[&[9; 5], &chunk(b"00wb", &[0; 40])[..]].concat()), all, 5),
+            ("sound that ends with a digit", before(&chunk(b"00wb", b"1239")), all, 0),
             ("no padding", altered(&film, |at| at - 1..at, &[]), all, 0),
             ("a frame cut short", altered(&film, |at| at + 60..at + 8 + frame().len() + 1, &[]), &[0, 2], 0),
             ("a frame of no end", size(u32::MAX), all, 0),

@@ -248,6 +248,7 @@ fn a_file_that_is_no_film_and_no_landmarks_is_refused_with_the_reason() {
         ("points.npy", write_npy(&[2, 468, 3], &[0.0_f32; 2 * 468 * 3]), "has shape [2, 468, 3]"),
         ("points.npy", write_npy(&[478, 3], &[0.0_f32; 478 * 3]), "has shape [478, 3]"),
         ("points.npy", write_npy(&[1, 478, 3], &[0_i32; 478 * 3]), "holds numbers of the kind `<i4`"),
+        ("points.npy", write_npy(&[1, 478, 3], &[0_i64; 478 * 3]), "floating-point numbers of 32 or 64 bits"),
         ("points.npy", b"a letter".to_vec(), "is not a .npy file"),
         ("points.npy", Vec::new(), "is not a .npy file"),
         ("points.npy", header("False", "True "), "Fortran order"),

@@ -340,12 +340,13 @@ impl<R: Read> Riff<R> {
     fn at_end(&mut self) -> io::Result<Option<u32>> {
         let end_of_file = self.end_of_read();
         let next = self.expected.max(self.offset);
-        let left = end_of_file.saturating_sub(next);
         // Some writers count the 8 bytes before the content, too.
-        let is_all =
-            self.end.is_none_or(|end| end_of_file + CHUNK_BYTES as u64 >= end) && end_of_file + 1 >= self.expected;
+        let has_all_lists = self.end.is_none_or(|end| end_of_file + CHUNK_BYTES as u64 >= end);
+        let is_chunk_whole = end_of_file + 1 >= self.expected;
+        // What is left is the beginning of a chunk, unless it is behind the frames or other bytes that belong to none.
         let is_behind = self.end.is_some_and(|end| next >= end) || self.offset > self.expected + 1;
-        if is_all && (is_behind || left <= 1) { Ok(None) } else { Err(ErrorKind::UnexpectedEof.into()) }
+        let is_proper = has_all_lists && is_chunk_whole && (is_behind || end_of_file <= next + 1);
+        if is_proper { Ok(None) } else { Err(ErrorKind::UnexpectedEof.into()) }
     }
 
     /// Passes the beginning of a part or a list.

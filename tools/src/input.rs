@@ -80,7 +80,7 @@ impl FaceSource {
     /// not finite shows no face.
     fn points(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
         let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
-        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
+        let needs = "it must hold frames x 478 x 3 floating-point numbers of 32 or 64 bits in C order";
         let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
         let mut start = Vec::new();
         reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;

@@ -193,7 +193,7 @@ impl Track<'_> {
             let remedy = if self.source.shows_pictures() {
                 "check that a face is upright, well lit and at least an eighth of the picture's longer side"
             } else {
-                "check that its points are MediaPipe's 478, in pixels"
+                "check that its points are MediaPipe's 478, in pixels, and not all NaN or 0"
             };
             say(format_args!("no frame of {input} shows a face; {remedy}"));
         }

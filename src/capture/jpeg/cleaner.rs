@@ -67,6 +67,7 @@ pub(in super::super) fn image_size(jpeg: &[u8]) -> Option<[usize; 2]> {
         let segment = image.segment().ok()?;
         match marker {
             marker::HUFFMAN_TABLES | marker::JPEG_EXTENSION | marker::ARITHMETIC_CONDITIONING => {}
+            // The headers of all kinds of frames begin alike.
             marker::BASELINE..=marker::LAST_FRAME => {
                 let &[_, _, _, h1, h0, w1, w0] = segment.first_chunk()?;
                 return Some([[w1, w0], [h1, h0]].map(|side| u16::from_be_bytes(side).into()));

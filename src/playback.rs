@@ -10,7 +10,7 @@ use facewire_face::stages::{FaceMean, normalise};
 use facewire_face::{Appearance, Landmarks, Neutral, Solution, SolveError};
 use facewire_packet::{Pose, Reason, State};
 
-use crate::capture::{CaptureError, Content, Frame, Source};
+use crate::capture::{CaptureError, Content, Frame, FrameFault, Source};
 use crate::config::FailsafeSettings;
 use crate::pipeline::{Pipeline, SetupError};
 use crate::service::ServiceError;
@@ -24,8 +24,8 @@ pub struct TrackedFrame {
     pub landmarks: Option<Box<Landmarks>>,
     /// How the face looks at the landmarks, if the frame shows one in a picture.
     appearance: Option<Appearance>,
-    /// Whether the frame could not be read. It counts as one without a face.
-    pub damaged: bool,
+    /// Why the frame could not be read. It counts as one without a face.
+    pub fault: Option<FrameFault>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -62,12 +62,13 @@ impl Playback {
                     size_px: frame.size_px(),
                     landmarks: face.map(|face| Box::new(face.landmarks.clone())),
                     appearance: face.and_then(|face| face.appearance.cloned()),
-                    damaged: false,
+                    fault: None,
                 }
             }
-            Err(CaptureError::Frame { number, .. }) => {
+            Err(CaptureError::Frame { number, fault }) => {
                 let time_us = rate.map_or(0, |rate| rate.stamp_us(number));
-                TrackedFrame { number, time_us, size_px: [0.0; 2], landmarks: None, appearance: None, damaged: true }
+                let fault = Some(fault);
+                TrackedFrame { number, time_us, size_px: [0.0; 2], landmarks: None, appearance: None, fault }
             }
             Err(error) => return Err(error.into()),
         };

@@ -196,6 +196,40 @@ fn a_damaged_frame_keeps_its_row_and_the_next_frames_follow() {
 }
 
 #[test]
+fn an_input_of_which_no_frame_can_be_read_fails_with_the_reason_and_one_without_a_face_is_named() {
+    assert_eq!(
+        track_stream(Y4M_HEADER.as_bytes()).sentence(65),
+        "standard input has no frame; record or convert it again"
+    );
+    let mut avi = fs::read(demo_avi()).unwrap();
+    for at in 0..avi.len() - 10 {
+        if avi[at..].starts_with(b"00dc") {
+            avi[at + 8] = 0;
+        }
+    }
+    let run = track_file("damaged.avi", &avi);
+    assert!(run.sentence(65).contains("damaged.avi could be read (the last: it is not a JPEG image); "), "{}", run.err);
+    let run = track_stream(&empty_y4m(4)).succeeded();
+    assert_eq!(rows(&run.out).len(), 4);
+    assert!(run.err.contains("facewire: no frame of standard input shows a face; check that "), "{}", run.err);
+}
+
+#[test]
+fn bytes_of_a_video_that_belong_to_no_frame_are_counted() {
+    let mut avi = fs::read(demo_avi()).unwrap();
+    let frames: Vec<usize> =
+        (0..avi.len() - 10).filter(|&at| avi[at..].starts_with(b"00dc") && avi[at + 8] == 0xff).collect();
+    avi.truncate(frames[4]);
+    avi.splice(frames[2]..frames[2], [7; 100]);
+    avi[4..8].fill(0);
+    let movi = avi.windows(4).position(|id| id == b"movi").unwrap();
+    avi[movi - 4..movi].fill(0);
+    let run = track_file("stray.avi", &avi).succeeded();
+    assert!(run.out.lines().eq(DEMO.csv.lines().take(5)));
+    assert!(run.err.contains("stray.avi: bytes that belong to no frame and were passed over: 100"), "{}", run.err);
+}
+
+#[test]
 fn a_file_that_is_no_film_and_no_landmarks_is_refused_with_the_reason() {
     let points = write_npy(&[1, 478, 3], &[0.0_f32; 478 * 3]);
     let header = |replaced: &str, by: &str| {
@@ -213,7 +247,8 @@ fn a_file_that_is_no_film_and_no_landmarks_is_refused_with_the_reason() {
         ("huge.y4m", b"YUV4MPEG2 W99999 H99999 F30:1\nFRAME\n".to_vec(), "each side must be 1 to 4096"),
         ("points.npy", write_npy(&[2, 468, 3], &[0.0_f32; 2 * 468 * 3]), "has shape [2, 468, 3]"),
         ("points.npy", write_npy(&[478, 3], &[0.0_f32; 478 * 3]), "has shape [478, 3]"),
-        ("points.npy", write_npy(&[1, 478, 3], &[0_i32; 478 * 3]), "holds numbers of another kind"),
+        ("points.npy", write_npy(&[1, 478, 3], &[0_i32; 478 * 3]), "holds numbers of the kind `<i4`"),
+        ("points.npy", write_npy(&[1, 478, 3], &[0_i64; 478 * 3]), "floating-point numbers of 32 or 64 bits"),
         ("points.npy", b"a letter".to_vec(), "is not a .npy file"),
         ("points.npy", Vec::new(), "is not a .npy file"),
         ("points.npy", header("False", "True "), "Fortran order"),

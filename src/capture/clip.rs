@@ -2,6 +2,7 @@
 
 use std::env;
 use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use super::{AviSource, CaptureError, FrameRate};
@@ -11,7 +12,7 @@ pub const DEMO: &str = "demo";
 const VARIABLE: &str = "FACEWIRE_DEMO";
 const INSTALLED: &str = "/usr/share/facewire/demo.avi";
 
-pub type Clip = AviSource<File>;
+pub type Clip = AviSource<BufReader<File>>;
 
 /// Returns the path of the clip: beside the program, in the checkout in which it was built, or where a package puts it.
 fn path() -> PathBuf {
@@ -32,7 +33,7 @@ impl Clip {
     pub fn once() -> Result<Self, CaptureError> {
         let path = path();
         let refused = |error| CaptureError::unopened(&path.display().to_string(), &error);
-        Self::open(File::open(&path).map_err(refused)?, DEMO, FrameRate::FPS_30)
+        Self::open(BufReader::new(File::open(&path).map_err(refused)?), DEMO, FrameRate::FPS_30)
     }
 
     /// Opens the clip, to be repeated for ever. Frame numbers and times continue to grow.

@@ -120,9 +120,9 @@ pub enum FrameFault {
     TooLarge,
     #[error("it is {width}x{height}, not the announced size")]
     WrongSize { width: usize, height: usize },
-    /// The image is neither YCbCr nor grey, or has an unusual chroma subsampling.
-    #[error("its colour layout is not supported")]
-    Layout,
+    /// The image is sound, but of another kind than cameras make.
+    #[error("it is {0}, which is not supported")]
+    Unsupported(&'static str),
     /// The JPEG data is corrupt, or has more scans than that of a camera.
     #[error("its JPEG data is corrupt")]
     Corrupt,
@@ -138,7 +138,7 @@ impl FrameFault {
             Self::Empty => {
                 "its driver delivers empty buffers: set another camera.format or size, or check the program that feeds it"
             }
-            Self::TooLarge | Self::WrongSize { .. } | Self::Layout => "set another camera.format or size",
+            Self::TooLarge | Self::WrongSize { .. } | Self::Unsupported(_) => "set another camera.format or size",
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Decodes JPEG into planar `YCbCr`, without colour conversion, in memory of fixed capacity.
+//! Decodes JPEG into planar `YCbCr` or packed RGB, without colour conversion, in memory of fixed capacity.
 //!
 //! The header is checked before the image is decoded, so no image can write past the buffer: libjpeg-turbo lays out the
 //! planes by the subsampling of the image, and the buffer holds the announced size at 4:4:4. libjpeg-turbo takes the
@@ -14,9 +14,10 @@ mod cleaner;
 
 use std::mem::take;
 
-use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
+use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Image, PixelFormat, Subsamp, YuvImage};
 
 use self::cleaner::clean;
+pub(super) use self::cleaner::image_size;
 use super::{CaptureError, FrameFault};
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 
@@ -25,18 +26,23 @@ use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 const MAX_SCANS: u32 = 20;
 /// Largest number of columns or rows that share one chroma sample (4:1:1, 4:4:1).
 const MAX_SUBSAMPLING: usize = 4;
+/// Bytes of a pixel of an image whose components are red, green and blue.
+const RGB_BYTES: usize = 3;
 /// Images that are cleaned at once after one that needed it. Cameras that send stray bytes do so in most of their images.
 const CLEANED_AT_ONCE: u32 = 300;
-const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
-const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
+pub(super) const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
+pub(super) const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 
 /// Decodes JPEG images of one size.
 #[derive(Debug)]
 pub struct JpegDecoder {
     decompressor: Decompressor,
     planes: Vec<u8>,
-    pub(super) size: [usize; 2],
-    decoded: Option<Subsamp>,
+    /// Size of an image.
+    size: [usize; 2],
+    /// How often each of its rows is in the picture.
+    repeats: usize,
+    decoded: Option<DecompressHeader>,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,
     clean_at_once: u32,
@@ -53,9 +59,21 @@ impl JpegDecoder {
         let planes = vec![0; 3 * columns * rows];
         let size = [width, height];
         let clean = Vec::new();
-        let mut decoder = Self { decompressor, planes, size, decoded: None, clean, clean_at_once: 0 };
+        let mut decoder = Self { decompressor, planes, size, repeats: 1, decoded: None, clean, clean_at_once: 0 };
         decoder.clean.reserve_exact(decoder.max_jpeg_bytes());
         Ok(decoder)
+    }
+
+    /// Makes a decoder for images of every second row of a picture. The picture has each of their rows twice.
+    pub(super) fn of_fields(width: usize, height: usize) -> Result<Self, CaptureError> {
+        let decoder = Self::new(width, 2 * height)?;
+        Ok(Self { size: [width, height], repeats: 2, ..decoder })
+    }
+
+    /// Width and height of the picture.
+    pub(super) fn picture_size(&self) -> [usize; 2] {
+        let [width, height] = self.size;
+        [width, self.repeats * height]
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
@@ -95,7 +113,7 @@ impl JpegDecoder {
     }
 
     pub fn picture(&self) -> Option<Picture<'_>> {
-        let [width, height] = self.size;
+        let [width, height] = self.picture_size();
         Picture::new(width, height, self.pixels()?, true)
     }
 
@@ -103,12 +121,34 @@ impl JpegDecoder {
     fn decode_strictly(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         let header = self.decompressor.read_header(jpeg).map_err(|_| self.corrupt())?;
         self.check(&header)?;
-        let subsamp = header.subsamp;
         let [width, height] = self.size;
-        let image = YuvImage { pixels: self.planes.as_mut_slice(), width, align: 1, height, subsamp };
-        self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
-        self.decoded = Some(subsamp);
+        let pixels = self.planes.as_mut_slice();
+        let decoded = if header.colorspace == Colorspace::RGB {
+            let image = Image { pixels, width, pitch: RGB_BYTES * width, height, format: PixelFormat::RGB };
+            self.decompressor.decompress(jpeg, image)
+        } else {
+            let image = YuvImage { pixels, width, align: 1, height, subsamp: header.subsamp };
+            self.decompressor.decompress_to_yuv(jpeg, image)
+        };
+        decoded.map_err(|_| self.corrupt())?;
+        if self.repeats > 1 {
+            self.double_rows(&header);
+        }
+        self.decoded = Some(header);
         Ok(())
+    }
+
+    /// Shows every row of all planes twice, the last one first, so that no row is overwritten before it was copied.
+    fn double_rows(&mut self, header: &DecompressHeader) {
+        let planes = layout(header);
+        let mut at: usize = planes.iter().map(|[stride, rows]| stride * rows).sum();
+        for [stride, rows] in planes.into_iter().rev() {
+            for _ in 0..rows {
+                at -= stride;
+                self.planes.copy_within(at..at + stride, 2 * at + stride);
+                self.planes.copy_within(at..at + stride, 2 * at);
+            }
+        }
     }
 
     /// Replaces the instance of libjpeg-turbo: after a bad header the old one would continue within that header, and
@@ -126,26 +166,46 @@ impl JpegDecoder {
         if [width, height] != self.size {
             return Err(FrameFault::WrongSize { width, height });
         }
-        let grey = subsamp == Subsamp::Gray && colorspace == Colorspace::Gray;
-        let colour = chroma_shift(subsamp).is_some() && colorspace == Colorspace::YCbCr;
-        let is_usual = (grey || colour) && !header.is_lossless && !header.is_arithmetic;
-        if is_usual { Ok(()) } else { Err(FrameFault::Layout) }
+        let unsupported = |kind| Err(FrameFault::Unsupported(kind));
+        match colorspace {
+            _ if header.is_lossless => unsupported("a lossless JPEG image"),
+            _ if header.is_arithmetic => unsupported("a JPEG image with arithmetic coding"),
+            Colorspace::CMYK | Colorspace::YCCK => unsupported("a CMYK image"),
+            Colorspace::YCbCr if chroma_shift(subsamp).is_none() => {
+                unsupported("a JPEG image with an unusual chroma subsampling")
+            }
+            _ => Ok(()),
+        }
     }
 
     fn pixels(&self) -> Option<Pixels<'_>> {
-        let subsamp = self.decoded?;
-        let [width, height] = self.size;
-        if subsamp == Subsamp::Gray {
-            return Some(Pixels::Grey { data: &self.planes, stride: width });
+        let header = self.decoded?;
+        let data = self.planes.as_slice();
+        let [[stride, rows], [chroma_stride, chroma_rows], _] = layout(&header);
+        match header.colorspace {
+            Colorspace::Gray => Some(Pixels::Grey { data, stride }),
+            Colorspace::RGB => Some(Pixels::Packed { data, stride, step: RGB_BYTES, rgb: [0, 1, 2] }),
+            _ => {
+                let (luma, rest) = data.split_at_checked(stride * rows * self.repeats)?;
+                let (cb, cr) = rest.split_at_checked(chroma_stride * chroma_rows * self.repeats)?;
+                let strides = [stride, chroma_stride];
+                Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(header.subsamp)? })
+            }
         }
-        let columns = subsamp.width();
-        let rows = subsamp.height();
-        let stride = width.next_multiple_of(columns);
-        let chroma_stride = width.div_ceil(columns);
-        let (luma, rest) = self.planes.split_at_checked(stride * height.next_multiple_of(rows))?;
-        let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
-        let strides = [stride, chroma_stride];
-        Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(subsamp)? })
+    }
+}
+
+/// The stride and the number of rows of each plane of an image as it is decoded.
+fn layout(header: &DecompressHeader) -> [[usize; 2]; 3] {
+    let &DecompressHeader { width, height, subsamp, .. } = header;
+    match header.colorspace {
+        Colorspace::Gray => [[width, height], [0; 2], [0; 2]],
+        Colorspace::RGB => [[RGB_BYTES * width, height], [0; 2], [0; 2]],
+        _ => {
+            let [columns, rows] = [subsamp.width(), subsamp.height()];
+            let chroma = [width.div_ceil(columns), height.div_ceil(rows)];
+            [[width.next_multiple_of(columns), height.next_multiple_of(rows)], chroma, chroma]
+        }
     }
 }
 

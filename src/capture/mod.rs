@@ -142,6 +142,8 @@ pub struct Tally {
     pub mistimed: u32,
     /// Whether the driver's timestamps have been given up for this camera.
     pub has_false_clock: bool,
+    /// Bytes of a file that stood between its frames and do not belong there.
+    pub stray_bytes: u64,
     pub decoding: Duration,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,

@@ -19,6 +19,8 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub(crate) const USUAL_SIZE_PX: [u16; 2] = [640, 480];
 /// Largest number of bytes before the numbers; usual files have 128.
 const MAX_START_BYTES: u64 = 1024;
+/// Landmarks in pixels are not all as near to the corner as this.
+const MAX_NORMALISED: f32 = 2.0;
 /// The header of a plain array is a dictionary, in which the shape is a tuple. Nested brackets would keep the parser busy
 /// without bound.
 const MAX_BRACKETS: usize = 2;
@@ -78,7 +80,7 @@ impl FaceSource {
     /// not finite shows no face.
     fn points(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
         let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
-        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
+        let needs = "it must hold frames x 478 x 3 floating-point numbers of 32 or 64 bits in C order";
         let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
         let mut start = Vec::new();
         reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
@@ -95,11 +97,17 @@ impl FaceSource {
             (TypeChar::Float, 8) => {
                 Box::new(npy.data::<f64>().map_err(unreadable)?.map(|value| value.map(|value| value as f32)))
             }
-            _ => return Err(refuse("holds numbers of another kind")),
+            _ => return Err(refuse(&format!("holds numbers of the kind `{kind}`"))),
         };
         let frames = Box::new((0..count).map(move |number| {
             let landmarks = landmarks(&mut values, number)?;
             let landmarks = landmarks.is_finite().then_some(landmarks);
+            if landmarks.as_ref().is_some_and(are_normalised) {
+                return Err(CaptureError::BadFile(format!(
+                    "the landmarks of frame {number} seem to be normalised, from 0 to 1; multiply x and z by the width of the \
+                     picture in pixels and y by its height, and write the file again"
+                )));
+            }
             Ok(Recorded { time_us: rate.stamp_us(number), pose: Err(Reason::NoFace), size_px, landmarks })
         }));
         let origin = path.to_owned();
@@ -125,6 +133,12 @@ fn landmarks(values: &mut dyn Iterator<Item = io::Result<f32>>, number: u64) -> 
         landmarks.level_irises();
     }
     Ok(landmarks)
+}
+
+/// Whether these may be landmarks from 0 to 1, as MediaPipe gives them. Zeros alone stand for no face in some files.
+fn are_normalised(landmarks: &Landmarks) -> bool {
+    let points = || landmarks.0.iter().flat_map(|[x, y, _]| [x, y]);
+    points().all(|value| value.abs() <= MAX_NORMALISED) && points().any(|value| *value != 0.0)
 }
 
 impl Source for FaceSource {
@@ -196,6 +210,26 @@ mod tests {
         assert_eq!(iris_depths(depths), depths);
     }
 
+    #[test]
+    fn normalised_landmarks_are_named_and_frames_without_a_face_are_none() {
+        let told = |first: f32, other: f32| {
+            let file = NamedTempFile::with_suffix(".npy").unwrap();
+            let points = [[first, other, 0.5]; LANDMARKS];
+            write_npy(file.path(), points.as_flattened()).unwrap();
+            opened(file.path().to_str().unwrap()).unwrap().next().err().map(|error| error.to_string())
+        };
+        for [x, y] in [[0.2, 0.9], [-0.1, 1.2], [-1.0, 0.0]] {
+            let error = told(x, y).unwrap();
+            assert!(
+                error.starts_with("the landmarks of frame 0 seem to be normalised, from 0 to 1; multiply"),
+                "{error}"
+            );
+        }
+        for [x, y] in [[0.0, 0.0], [0.5, 300.0], [0.5, f32::NAN], [f32::INFINITY, 0.5]] {
+            assert_eq!(told(x, y), None);
+        }
+    }
+
     fn y4m(header: &str, frame_bytes: usize, frames: usize) -> Vec<u8> {
         let frame = [&b"FRAME\n"[..], &vec![7; frame_bytes]].concat();
         [format!("YUV4MPEG2 {header}\n").as_bytes(), &frame.repeat(frames)].concat()
@@ -215,6 +249,7 @@ mod tests {
             ("C422 XCOLORRANGE=FULL", 15 + 2 * 9, Some([1, 0]), true),
             ("C444", 15 * 3, Some([0, 0]), false),
             ("C411", 15 + 2 * 6, Some([2, 0]), false),
+            ("It XYSCSS=422", 15 + 2 * 9, Some([1, 0]), false),
             ("Cmono", 15, None, false),
         ];
         for (fields, bytes, shift, full_range) in table {
@@ -237,12 +272,34 @@ mod tests {
     }
 
     #[test]
+    fn a_second_y4m_stream_is_read_on_if_it_is_like_the_first_and_otherwise_named_where_it_begins() {
+        let first = y4m("W4 H2 F25:1 Cmono", 8, 2);
+        let joined = [first.clone(), y4m("W4 H2 F25:1 Ip Cmono", 8, 1)].concat();
+        let mut source = open_y4m(&joined).unwrap();
+        assert!(source.skip().unwrap() && source.skip().unwrap());
+        let third = source.next().unwrap().unwrap();
+        assert_eq!((third.number, third.captured_us), (2, 80_000));
+        assert!(!source.skip().unwrap());
+        for other in ["W2 H4 F25:1 Cmono", "W4 H2 F30:1 Cmono", "W4 H2 F25:1"] {
+            let joined = [first.clone(), y4m(other, 0, 0)].concat();
+            let mut source = open_y4m(&joined).unwrap();
+            assert!(source.skip().unwrap() && source.skip().unwrap());
+            let error = source.next().unwrap_err().to_string();
+            assert!(error.contains(&format!("begins at byte {}, before frame 2;", first.len())), "{error}");
+        }
+        let cut = &joined[..first.len() + 5];
+        let mut source = open_y4m(cut).unwrap();
+        assert!(source.skip().unwrap() && source.skip().unwrap());
+        assert!(source.skip().unwrap_err().to_string().contains("is cut short"));
+    }
+
+    #[test]
     fn a_y4m_stream_that_cannot_be_read_is_refused_with_the_reason() {
         let reason = |header: &str| open_y4m(&y4m(header, 0, 0)).unwrap_err().to_string();
         for layout in ["420p10", "422p12", "444p16", "420p9", "mono16", "mono12"] {
             assert!(reason(&format!("W4 H2 F25:1 C{layout}")).contains("more than 8 bits"), "{layout}");
         }
-        assert!(reason("W4 H2 F25:1 C444alpha").contains("not supported"));
+        assert!(reason("W4 H2 F25:1 C444alpha").contains("the colour layout 444alpha, which is not supported"));
         for size in ["W0 H2", "W4097 H2", "W4", "W99999999999999999999 H4", "W-4 H4", "W4294967295 H4294967295"] {
             assert!(reason(size).contains("each side must be"), "{size}");
         }

@@ -12,7 +12,7 @@ use npyz::WriterBuilder as _;
 
 use crate::input;
 use facewire::calibration::WearerName;
-use facewire::capture::{FrameRate, Source};
+use facewire::capture::{FrameFault, FrameRate, Source};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
 use facewire::pipeline::{Pipeline, load_profile};
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
@@ -113,7 +113,18 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     };
     let playback = Playback::new(pipeline, &settings.failsafe);
     let out = BufWriter::new(out);
-    let mut track = Track { source, playback, args, out, landmarks: Vec::new(), frames: 0, faces: 0, damaged: 0 };
+    let mut track = Track {
+        source,
+        playback,
+        args,
+        out,
+        landmarks: Vec::new(),
+        frames: 0,
+        faces: 0,
+        damaged: 0,
+        fault: None,
+        is_readable: false,
+    };
     if let Some(path) = &args.landmarks {
         // The path is checked before a long film is read. An existing file keeps its content until the end, because it
         // may be the input.
@@ -127,10 +138,15 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
         write_npy(path, &track.landmarks).map_err(|error| Failure::unwritable(path, &error))?;
     }
     track.out.flush().map_err(|error| track.unwritable(&error))?;
-    if outcome.is_ok() || track.frames > 0 {
+    if track.frames > 0 {
         say(format_args!("{}{} in {:.1} s", track.summary(), track.estimate(), begun.elapsed().as_secs_f64()));
     }
-    outcome
+    match track.source.take_tally().stray_bytes {
+        0 => {}
+        bytes => say(format_args!("{}: bytes that belong to no frame and were passed over: {bytes}", args.input)),
+    }
+    outcome?;
+    track.judge()
 }
 
 struct Track<'a> {
@@ -143,6 +159,10 @@ struct Track<'a> {
     frames: u64,
     faces: u64,
     damaged: u64,
+    /// What is wrong with the last damaged frame.
+    fault: Option<FrameFault>,
+    /// Whether any frame could be read.
+    is_readable: bool,
 }
 
 impl Track<'_> {
@@ -155,6 +175,27 @@ impl Track<'_> {
         while let Some(face) = self.playback.find(&mut *self.source)? {
             let row = self.frame(&face)?;
             self.leave_out(&face, &row)?;
+        }
+        Ok(())
+    }
+
+    /// Fails if no frame could be read, and says so if none shows a face.
+    fn judge(&self) -> Result<(), Failure> {
+        let input = self.source.describe().origin;
+        if self.frames == 0 {
+            return Err(Failure::data(format!("{input} has no frame; record or convert it again")));
+        }
+        if let Some(fault) = self.fault.filter(|_| !self.is_readable) {
+            let remedy = "record it again, or convert it with `ffmpeg -i FILE -c:v mjpeg -q:v 3 out.avi`";
+            return Err(Failure::data(format!("no frame of {input} could be read (the last: {fault}); {remedy}")));
+        }
+        if self.faces == 0 {
+            let remedy = if self.source.shows_pictures() {
+                "check that a face is upright, well lit and at least an eighth of the picture's longer side"
+            } else {
+                "check that its points are MediaPipe's 478, in pixels, and not all NaN or 0"
+            };
+            say(format_args!("no frame of {input} shows a face; {remedy}"));
         }
         Ok(())
     }
@@ -198,7 +239,9 @@ impl Track<'_> {
         let shown = self.playback.show(face);
         self.frames += 1;
         self.faces += u64::from(shown.solution.is_some());
-        self.damaged += u64::from(face.damaged);
+        self.damaged += u64::from(face.fault.is_some());
+        self.fault = face.fault.or(self.fault);
+        self.is_readable |= face.fault.is_none();
         if self.frames.is_multiple_of(PROGRESS_FRAMES) {
             say(self.summary());
         }
@@ -232,7 +275,8 @@ impl Track<'_> {
     }
 
     fn summary(&self) -> String {
-        let damaged = if self.damaged > 0 { format!(", {} damaged", self.damaged) } else { String::new() };
+        let damaged =
+            self.fault.map_or_else(String::new, |fault| format!(", {} damaged (the last: {fault})", self.damaged));
         format!("{} frames, {} with a face{damaged}", self.frames, self.faces)
     }
 

@@ -14,9 +14,13 @@ use super::{END_OF_IMAGE, FrameFault, START_OF_IMAGE};
 
 /// Markers of ITU-T T.81, table B.1.
 mod marker {
+    pub const TEMPORARY: u8 = 0x01;
     pub const BASELINE: u8 = 0xc0;
     pub const EXTENDED_SEQUENTIAL: u8 = 0xc1;
     pub const HUFFMAN_TABLES: u8 = 0xc4;
+    pub const JPEG_EXTENSION: u8 = 0xc8;
+    pub const ARITHMETIC_CONDITIONING: u8 = 0xcc;
+    pub const LAST_FRAME: u8 = 0xcf;
     pub const RESTART_0: u8 = 0xd0;
     pub const RESTART_7: u8 = 0xd7;
     pub const START_OF_IMAGE: u8 = 0xd8;
@@ -48,6 +52,29 @@ pub(super) fn clean(jpeg: &[u8], clean: &mut Vec<u8>) -> Result<(), FrameFault> 
     match image.marker(MAX_STRAY_BYTES) {
         Ok(marker::END_OF_IMAGE) | Err(FrameFault::Incomplete) => push(clean, END_OF_IMAGE),
         _ => Err(FrameFault::Corrupt),
+    }
+}
+
+/// Returns the width and height that the header of an image states.
+pub(in super::super) fn image_size(jpeg: &[u8]) -> Option<[usize; 2]> {
+    jpeg.starts_with(START_OF_IMAGE).then_some(())?;
+    let mut image = Image { jpeg, ..Image::default() };
+    loop {
+        let marker = image.marker(usize::MAX).ok()?;
+        if matches!(marker, marker::TEMPORARY | marker::RESTART_0..=marker::START_OF_IMAGE) {
+            continue;
+        }
+        let segment = image.segment().ok()?;
+        match marker {
+            marker::HUFFMAN_TABLES | marker::JPEG_EXTENSION | marker::ARITHMETIC_CONDITIONING => {}
+            // The headers of all kinds of frames begin alike.
+            marker::BASELINE..=marker::LAST_FRAME => {
+                let &[_, _, _, h1, h0, w1, w0] = segment.first_chunk()?;
+                return Some([[w1, w0], [h1, h0]].map(|side| u16::from_be_bytes(side).into()));
+            }
+            marker::END_OF_IMAGE | marker::START_OF_SCAN => return None,
+            _ => {}
+        }
     }
 }
 

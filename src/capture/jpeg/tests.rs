@@ -64,6 +64,29 @@ fn every_chroma_subsampling_is_decoded_within_2_of_the_original() {
 }
 
 #[test]
+fn an_image_of_red_green_and_blue_is_decoded_and_one_of_cyan_magenta_yellow_and_black_is_refused() {
+    let rgb: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|at| [(at % WIDTH) as u8, 200, 90 + (at / WIDTH) as u8]).collect();
+    let encoded = |pixels: &[u8], format: turbojpeg::PixelFormat, colorspace| {
+        let mut compressor = Compressor::new().unwrap();
+        compressor.set_quality(100).unwrap();
+        compressor.set_colorspace(colorspace).unwrap();
+        let image = turbojpeg::Image { pixels, width: WIDTH, pitch: format.size() * WIDTH, height: HEIGHT, format };
+        compressor.compress_to_vec(image).unwrap()
+    };
+    let mut decoder = decoder();
+    decoder.decode(&encoded(&rgb, PixelFormat::RGB, Colorspace::RGB)).unwrap();
+    let Pixels::Packed { data, stride, step: 3, rgb: [0, 1, 2] } = decoder.picture().unwrap().pixels else { panic!() };
+    assert_eq!(stride, 3 * WIDTH);
+    assert!(rgb.iter().zip(data).all(|(a, b)| a.abs_diff(*b) <= 2));
+    let cmyk = vec![90; 4 * WIDTH * HEIGHT];
+    for colorspace in [Colorspace::CMYK, Colorspace::YCCK] {
+        let image = encoded(&cmyk, PixelFormat::CMYK, colorspace);
+        assert_eq!(decoder.decode(&image), Err(FrameFault::Unsupported("a CMYK image")));
+    }
+    decoder.decode(&jpeg(WIDTH, HEIGHT, Subsamp::Gray)).unwrap();
+}
+
+#[test]
 fn every_truncation_that_loses_data_is_refused_and_no_damaged_byte_panics_or_spoils_the_next_image() {
     let whole = jpeg(WIDTH, HEIGHT, Subsamp::Sub2x2);
     let mut decoder = decoder();
@@ -101,7 +124,7 @@ fn an_image_of_another_kind_or_size_is_refused_with_its_fault() {
     let endless_scans = [start, &last.repeat(10_000), END_OF_IMAGE].concat();
     let wider = jpeg(WIDTH + 1, HEIGHT, Subsamp::Sub2x2);
     let table: [(&[u8], _); 6] = [
-        (&lossless, FrameFault::Layout),
+        (&lossless, FrameFault::Unsupported("a lossless JPEG image")),
         (&endless_scans, FrameFault::Corrupt),
         (&wider, FrameFault::WrongSize { width: WIDTH + 1, height: HEIGHT }),
         (b"GIF89a", FrameFault::NotJpeg),

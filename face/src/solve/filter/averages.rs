@@ -92,8 +92,8 @@ impl<const N: usize> Past<N> {
         Self(past)
     }
 
-    /// Filters the value `x`, `dt_s` seconds after the last one (eq. 11). Fewer than two values in the window have no
-    /// deviation, so that `x` passes.
+    /// Filters the value `x`, `dt_s` seconds after the last one (eq. 11). The last value counts however old it is, so that the
+    /// filter also works at low frame rates.
     pub fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
         let mut count = 0.0;
         let mut sum = [0.0; N];
@@ -108,35 +108,48 @@ impl<const N: usize> Past<N> {
             oldest_s = age_s;
         }
         let mut value = x;
-        if count >= 2.0 {
+        if count >= 1.0 {
             let offset = sum.map(|sum| sum / count);
-            let variance = (squares - count * square(offset)) / (count - 1.0);
-            // Rounding can make the variance of equal values negative.
+            // A single value has no deviation. Rounding can make the variance of equal values negative.
+            let variance = (squares - count * square(offset)) / f32::max(count - 1.0, 1.0);
             let gate = variance.max(0.0).sqrt().max(filter.noise_size).max(f32::EPSILON);
+            let inside = if count >= 2.0 { inside(oldest_s) } else { inside_alone(filter.time_s, dt_s) };
             add(&mut value, 1.0, offset);
-            value = towards(value, x, share(square(offset).sqrt() / gate, (oldest_s * FPS).round()));
+            value = towards(value, x, share(square(offset).sqrt() / gate, inside));
         }
         self.0.write((value, dt_s));
         value
     }
 
-    /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
+    /// The outputs and their ages, `dt_s` after the newest: the newest, and those that are at most `window_s` old.
     fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = ([f32; N], f32)> {
         let mut next_age_s = dt_s;
         let with_age = self.0.oldest_ordered().rev().map(move |(value, since_last_s)| {
             next_age_s += since_last_s;
             (*value, next_age_s - since_last_s)
         });
-        with_age.take_while(move |(_, age_s)| *age_s <= window_s)
+        let is_inside = move |at: usize, age_s: f32| at == 0 || age_s <= window_s;
+        with_age.enumerate().take_while(move |(at, (_, age_s))| is_inside(*at, *age_s)).map(|(_, value)| value)
     }
 }
 
-/// Share of the new value, `distance` gates away from the average of the values of the last `frames` frames.
-fn share(distance: f32, frames: f32) -> f32 {
+/// Share of a new value that equals the average of the values of the last `window_s` seconds.
+fn inside(window_s: f32) -> f32 {
+    1.0 / ((window_s * FPS).round() + 1.0)
+}
+
+/// As [`inside`], if a single value, which is `age_s` old, stands for the average. As much passes in a second as at 30 frames a
+/// second, where the values are `window_s / 2` and half a frame old on average.
+fn inside_alone(window_s: f32, age_s: f32) -> f32 {
+    let usual_age_s = 0.5 * (window_s + 1.0 / FPS);
+    1.0 - (1.0 - inside(window_s)).powf(age_s / usual_age_s)
+}
+
+/// Share of a new value, `distance` gates away from the average, if it is `inside` in the middle of the gate.
+fn share(distance: f32, inside: f32) -> f32 {
     if distance > 1.0 {
         return 1.0;
     }
-    let inside = 1.0 / (frames + 1.0);
     inside + (1.0 - inside) * distance.powi(4)
 }
 
@@ -176,8 +189,36 @@ mod tests {
     }
 
     #[test]
+    fn noise_is_smoothed_and_a_small_step_followed_alike_at_every_frame_rate() {
+        let mut random = fastrand::Rng::with_seed(4);
+        let mut noise = || 0.02 * (random.f32() - 0.5);
+        let deviation = |x: &[f32]| (x.iter().map(|x| x.powi(2)).sum::<f32>() / x.len() as f32).sqrt();
+        for time_s in [0.1, 0.22, 0.35] {
+            let filter = Filter { kind: FilterKind::GatedAverage, time_s, noise_size: 0.05 };
+            let mut figures = [5.0_f32, 10.0, 15.0, 20.0, 30.0, 60.0, 90.0, 120.0].map(|fps| {
+                let run = |signal: Vec<f32>| -> Vec<f32> {
+                    let mut past = Past::new([0.0]);
+                    signal.into_iter().map(|x| past.step(&filter, [x], 1.0 / fps)[0]).collect()
+                };
+                let raw: Vec<f32> = (0..2000).map(|_| noise()).collect();
+                let jitter = deviation(&run(raw.clone())) / deviation(&raw);
+                let risen = run(vec![0.01; 1000]);
+                let delay_s = risen.iter().map(|y| (0.01 - y) / 0.01 / fps).sum::<f32>();
+                (fps, jitter, delay_s)
+            });
+            println!("{time_s}: {figures:?}");
+            let [.., usual, _, _, _] = figures;
+            for (fps, jitter, delay_s) in &mut figures {
+                assert!(*jitter < 0.8, "{time_s} s, {fps} frames a second: {jitter}");
+                let ratio = *delay_s / usual.2;
+                assert!((0.5..2.0).contains(&ratio), "{time_s} s, {fps} frames a second: {delay_s}, not {}", usual.2);
+            }
+        }
+    }
+
+    #[test]
     fn window_holds_as_many_values_as_its_time_and_at_most_32_and_a_sudden_move_passes() {
-        for (fps, want) in [(10.0, 1), (15.0, 2), (30.0, 5), (60.0, 10), (120.0, 21), (240.0, 32)] {
+        for (fps, want) in [(5.0, 1), (10.0, 1), (15.0, 2), (30.0, 5), (60.0, 10), (120.0, 21), (240.0, 32)] {
             let mut past = Past::new([0.5]);
             (0_u8..100).for_each(|frame| _ = past.step(&GATED, [0.5 + 0.01 * f32::from(frame % 2)], 1.0 / fps));
             assert_eq!(past.values(GATED.time_s, 1.0 / fps).count(), want, "{fps} frames per second");

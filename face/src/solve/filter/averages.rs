@@ -189,13 +189,13 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_smoothed_and_a_small_step_followed_alike_at_every_frame_rate() {
+    fn noise_is_smoothed_and_a_small_step_is_followed_in_a_like_time_from_5_to_120_frames_a_second() {
         let mut random = fastrand::Rng::with_seed(4);
         let mut noise = || 0.02 * (random.f32() - 0.5);
         let deviation = |x: &[f32]| (x.iter().map(|x| x.powi(2)).sum::<f32>() / x.len() as f32).sqrt();
         for time_s in [0.1, 0.22, 0.35] {
             let filter = Filter { kind: FilterKind::GatedAverage, time_s, noise_size: 0.05 };
-            let mut figures = [5.0_f32, 10.0, 15.0, 20.0, 30.0, 60.0, 90.0, 120.0].map(|fps| {
+            let figures = [5.0_f32, 10.0, 15.0, 20.0, 30.0, 60.0, 90.0, 120.0].map(|fps| {
                 let run = |signal: Vec<f32>| -> Vec<f32> {
                     let mut past = Past::new([0.0]);
                     signal.into_iter().map(|x| past.step(&filter, [x], 1.0 / fps)[0]).collect()
@@ -206,12 +206,12 @@ mod tests {
                 let delay_s = risen.iter().map(|y| (0.01 - y) / 0.01 / fps).sum::<f32>();
                 (fps, jitter, delay_s)
             });
-            println!("{time_s}: {figures:?}");
-            let [.., usual, _, _, _] = figures;
-            for (fps, jitter, delay_s) in &mut figures {
-                assert!(*jitter < 0.8, "{time_s} s, {fps} frames a second: {jitter}");
-                let ratio = *delay_s / usual.2;
-                assert!((0.5..2.0).contains(&ratio), "{time_s} s, {fps} frames a second: {delay_s}, not {}", usual.2);
+            let [.., (_, _, usual_s), _, _, _] = figures;
+            for (fps, jitter, delay_s) in figures {
+                assert!(jitter < 0.65, "{time_s} s, {fps} frames a second: {jitter}");
+                // From 90 frames a second on, the memory is shorter than the longest window.
+                let is_alike = (0.33 * usual_s..2.0 * usual_s).contains(&delay_s);
+                assert!(is_alike, "{time_s} s, {fps} frames a second: {delay_s} s, not {usual_s}");
             }
         }
     }

@@ -16,7 +16,7 @@ use facewire_servo::bus::Line;
 use serialport::{SerialPort as _, TTYPort};
 
 use super::background::Device;
-use super::serial::{PortClaim, PortSearch, in_time, lost, open_link};
+use super::serial::{PortClaim, PortSearch, in_time, log_rate, lost, open_at_rate};
 use super::{LinkError, Panel};
 use crate::config::BusServoSettings;
 use crate::retry::LoggedReasons;
@@ -35,6 +35,8 @@ pub struct Servos {
 pub struct Port {
     device: PathBuf,
     tty: TTYPort,
+    /// The rate that the driver makes.
+    made_baud: u32,
     line: Line,
     told_troubles: String,
     logged: LoggedReasons,
@@ -49,20 +51,25 @@ impl Device for Servos {
         let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
         let device = PortSearch::new(device, Attached::BusServos).find()?;
         let _claim = PortClaim::acquire(&device)?;
-        let tty = open_link(&device, *baud, WRITE_TIMEOUT)?;
-        if let Some(late) = latency_remedy(&root(), &device) {
-            tracing::warn!("link {}: {late}", device.display());
-        }
+        let (tty, made_baud) = open_at_rate(&device, *baud, WRITE_TIMEOUT)?;
         let line = Line::new(family, *unit, *baud, channels, &self.panel.dials);
         Ok(Port {
             device,
             tty,
+            made_baud,
             line,
             told_troubles: String::new(),
             logged: LoggedReasons::default(),
             panel: Arc::clone(&self.panel),
             _claim,
         })
+    }
+
+    fn log_opened(&self, port: &Port) {
+        log_rate(&port.device, self.settings.baud, port.made_baud);
+        if let Some(late) = latency_remedy(&root(), &port.device) {
+            tracing::warn!("link {}: {late}", port.device.display());
+        }
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {

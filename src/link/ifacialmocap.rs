@@ -202,7 +202,6 @@ impl Server {
 
 #[cfg(test)]
 mod tests {
-    use std::fs::{self, File};
     use std::net::Ipv4Addr;
     use std::sync::Arc;
     use std::sync::atomic::Ordering::Relaxed;
@@ -211,7 +210,7 @@ mod tests {
 
     use super::*;
     use crate::config::LinkSettings;
-    use crate::link::testing::{eventually, face, kind};
+    use crate::link::testing::{eventually, face, kind, logged};
     use crate::link::{Link, Traffic};
 
     const FACE: &[u8] = b"jawOpen&50|=head#-1,0,0,0,0,0|";
@@ -319,24 +318,18 @@ mod tests {
         assert_eq!(served.server.subscribers.len(), 8);
     }
 
-    fn log_lines(work: impl FnOnce()) -> usize {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let writer = Arc::<File>::new(file.reopen().unwrap());
-        tracing::subscriber::with_default(tracing_subscriber::fmt().with_writer(writer).finish(), work);
-        fs::read_to_string(file.path()).unwrap().lines().count()
-    }
-
     #[test]
     fn neither_a_fickle_receiver_nor_forged_addresses_fill_the_log() {
         let mut server = Server::new(port(0), 0);
         let begun = Instant::now();
-        assert_eq!(log_lines(|| (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
+        let lines = |work: &mut dyn FnMut()| logged(work).lines().count();
+        assert_eq!(lines(&mut || (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
         // Each round comes when the places of the round before may be taken. All fall into one period.
         let round = |number: u16| begun + u32::from(number / 100) * Duration::from_secs(61);
-        let forge = || (100..1000).for_each(|number| server.admit(port(number), 1, round(number)));
-        assert_eq!(log_lines(forge), 19);
+        let mut forge = || (100..1000).for_each(|number| server.admit(port(number), 1, round(number)));
+        assert_eq!(lines(&mut forge), 19);
         let later = begun + Duration::from_mins(11);
-        assert_eq!(log_lines(|| server.admit(port(9999), 1, later)), 1, "a new period");
+        assert_eq!(lines(&mut || server.admit(port(9999), 1, later)), 1, "a new period");
     }
 
     #[test]

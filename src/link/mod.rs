@@ -303,6 +303,7 @@ impl Link {
 
 #[cfg(test)]
 pub(crate) mod testing {
+    use std::fs::{self, File};
     use std::{thread, time::Instant};
 
     use facewire_packet::{BLENDSHAPES, State};
@@ -324,6 +325,14 @@ pub(crate) mod testing {
             output.pose.coefficients[index] = *value;
         }
         output
+    }
+
+    /// What the work logs.
+    pub fn logged(work: impl FnOnce()) -> String {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let writer = Arc::<File>::new(file.reopen().unwrap());
+        tracing::subscriber::with_default(tracing_subscriber::fmt().with_writer(writer).finish(), work);
+        fs::read_to_string(file.path()).unwrap()
     }
 
     pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {

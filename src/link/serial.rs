@@ -114,18 +114,16 @@ impl Drop for PortClaim {
 /// Opens a serial port without claiming it. Reading and writing wait for `timeout` at most. If this restarts the board,
 /// it is restarted again by whoever opens the port next.
 pub fn open_port(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    open(device, baud, timeout).map(|(tty, ..)| tty)
+    open_at_rate(device, baud, timeout).map(|(tty, _)| tty)
 }
 
-/// As [`open_port`], and logs that the port is open.
-pub fn open_link(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    let (tty, made, _) = open(device, baud, timeout)?;
-    log_opened(device, baud, made);
-    Ok(tty)
+/// As [`open_port`], with the rate that the driver makes.
+pub fn open_at_rate(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, u32), LinkError> {
+    open(device, baud, timeout).map(|(tty, made, _)| (tty, made))
 }
 
 /// Logs the rate of a port that was opened, and what to do if that is not the one that it was asked for.
-fn log_opened(device: &Path, baud: u32, made: u32) {
+pub fn log_rate(device: &Path, baud: u32, made: u32) {
     let device = device.display();
     tracing::info!("link opened: {device} at {made} baud");
     if made.abs_diff(baud) > (f64::from(baud) * MOST_RATE_ERROR) as u32 {
@@ -197,6 +195,8 @@ struct Line {
 struct Port {
     device: PathBuf,
     tty: TTYPort,
+    /// The rate that the driver makes.
+    made_baud: u32,
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
     dtr: Option<OwnedFd>,
     is_asked: bool,
@@ -228,14 +228,19 @@ impl Device for Line {
         let device = found?;
         let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
         let (tty, made, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
-        log_opened(&device, self.baud, made);
         let mut port = Port::new(device, tty, dtr, claim);
-        if port.dtr.is_some() {
-            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());
-        } else {
+        port.made_baud = made;
+        if port.dtr.is_none() {
             self.begin(&mut port);
         }
         Ok(port)
+    }
+
+    fn log_opened(&self, port: &Port) {
+        log_rate(&port.device, self.baud, port.made_baud);
+        if port.dtr.is_some() {
+            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());
+        }
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
@@ -346,6 +351,7 @@ impl Port {
         Self {
             device,
             tty,
+            made_baud: 0,
             dtr,
             is_asked: false,
             is_released: false,

@@ -8,13 +8,14 @@
 //! by a triple buffer.
 
 use std::io;
-use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{self, Builder};
 use std::time::Duration;
 
 use facewire_board::name_server_remedy;
+use facewire_packet::formats::dmx::{DISCOVERY_UNIVERSE, group};
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
 use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
@@ -81,6 +82,14 @@ impl UdpCarrier {
         is_taken
     }
 
+    /// Sends a message about the stream to where consoles listen for it, without counting it: the receiver, or, if that is a
+    /// multicast group, the group of discovery. A message that is lost is sent again later.
+    pub fn announce(&mut self, message: &[u8]) {
+        if let Some((socket, receiver)) = self.destination.read() {
+            let _ = socket.send_to(message, discovery_of(*receiver));
+        }
+    }
+
     /// Whether messages reach the network at present.
     pub fn is_open(&self) -> bool {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
@@ -91,6 +100,21 @@ impl UdpCarrier {
         // A thread that was woken before and has not looked it up yet will do so anyway.
         let _ = self.lookup.as_ref().map(|lookup| lookup.try_send(()));
     }
+}
+
+/// Where the sources that send to this receiver are looked for.
+fn discovery_of(receiver: SocketAddr) -> SocketAddr {
+    let ip = match receiver.ip() {
+        IpAddr::V4(ip) if ip.is_multicast() => group(DISCOVERY_UNIVERSE).ip(),
+        IpAddr::V6(ip) if ip.is_multicast() => {
+            let [a, b, c, d, e, f, g, _] = ip.segments();
+            [a, b, c, d, e, f, g, DISCOVERY_UNIVERSE].into()
+        }
+        ip => ip,
+    };
+    let mut place = receiver;
+    place.set_ip(ip);
+    place
 }
 
 /// Opens a socket to this receiver. With an address of this machine, multicasts and broadcasts leave by its interface.

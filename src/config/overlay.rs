@@ -188,6 +188,17 @@ impl<'a> Overlay<'a> {
         }
     }
 
+    /// Adds the fault that the value of this entry is not what the setting takes, with the choice that may be meant.
+    pub fn refuse_value(&mut self, entry: &Entry<'_>, takes: &Takes) {
+        let mut expected = takes.to_string();
+        if let (Takes::OneOf(names), Some(text)) = (takes, entry.value.get_ref().as_str())
+            && let Some(name) = most_similar(&text.to_lowercase().replace('_', "-"), names)
+        {
+            expected += &format!("; did you mean \"{name}\"?");
+        }
+        self.refuse(entry, expected);
+    }
+
     /// Adds the fault that the value of this entry is not what is expected.
     pub fn refuse(&mut self, Entry { path, value }: &Entry<'_>, expected: String) {
         let written = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
@@ -211,10 +222,14 @@ fn printable(text: &str) -> String {
 
 /// Returns the end of a sentence that names the known name most similar to `key`, or all known names if none is similar.
 fn hint(key: &str, known: &[&str]) -> String {
-    let similarity = |name: &&str| strsim::jaro_winkler(key, name);
-    let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
-    match nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY) {
+    match most_similar(key, known) {
         Some(name) => format!("; did you mean {name}?"),
         None => format!("; there are {}", known.join(", ")),
     }
+}
+
+fn most_similar<'a>(key: &str, known: &[&'a str]) -> Option<&'a str> {
+    let similarity = |name: &str| strsim::jaro_winkler(key, name);
+    let nearest = known.iter().copied().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
+    nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY)
 }

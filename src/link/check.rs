@@ -248,10 +248,16 @@ fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
     one.port() == other.port() && (one.ip() == other.ip() || covers(one, other) || covers(other, one))
 }
 
-/// Says where a sum can leave its range and is limited, and which names not every receiver reads. Both may be meant.
+/// Says where a sum can leave its range and is limited, which names not every receiver reads, and which receiver gets the same
+/// twice. All may be meant.
 pub fn notes(settings: &Settings) -> Vec<String> {
     let mut notes = notes_of_adjustments("adjust", &settings.adjust);
-    for link in &settings.links {
+    for (index, link) in settings.links.iter().enumerate() {
+        let mut earlier = settings.links.iter().take(index);
+        notes.extend(earlier.any(|earlier| is_doubled(earlier, link)).then(|| {
+            let kind = link.kind.name();
+            format!("{link}: an earlier link with kind = \"{kind}\" sends to the same place; remove one, because faces of two links mix")
+        }));
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
         if let LinkKind::LiveLink(it) = &link.kind {
             notes.extend(LiveLink::note_of_names(&it.device_id, &it.subject).map(|note| format!("{link}: {note}")));
@@ -262,6 +268,16 @@ pub fn notes(settings: &Settings) -> Vec<String> {
         }));
     }
     notes
+}
+
+/// Whether two links send the same thing to the same place. A subject or a prefix of its own makes another face of it.
+fn is_doubled(one: &LinkSettings, other: &LinkSettings) -> bool {
+    let is_same_face = match (&one.kind, &other.kind) {
+        (LinkKind::LiveLink(one), LinkKind::LiveLink(other)) => one.subject == other.subject,
+        (LinkKind::Vrchat(one), LinkKind::Vrchat(other)) => one.prefix == other.prefix,
+        (one, other) => one.name() == other.name(),
+    };
+    is_same_face && one.to_string() == other.to_string()
 }
 
 fn notes_of_adjustments(table: &str, adjust: &Adjustments) -> Vec<String> {
@@ -424,6 +440,20 @@ mod tests {
             &format!("channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 {limited}"),
         ];
         assert_eq!(noted(&["[adjust]\njawLeft = { offset = -0.5 }\n", MAESTRO, adjust, JAW, "offset = 0.25\n"]), want);
+        let to = |kind: &str, keys: &str| format!("[[link]]\nkind = \"{kind}\"\n{keys}\n");
+        for (one, other, is_doubled) in [
+            (to("udp", ""), to("udp", "pace = \"rate\""), true),
+            (to("udp", ""), to("udp", "address = \"127.0.0.1:5253\""), false),
+            (to("udp", "address = \"pc:9000\""), to("vmc", "address = \"pc:9000\""), false),
+            (to("vmc", ""), to("vmc", "bones = false"), true),
+            (to("live-link", "subject = \"left__\""), to("live-link", "subject = \"right_\""), false),
+            (to("live-link", ""), to("live-link", "swap_mouth = true"), true),
+            (to("json", ""), to("json", ""), true),
+        ] {
+            let notes = noted(&[&one, &other]);
+            let want = "sends to the same place; remove one";
+            assert_eq!(notes.iter().any(|note| note.contains(want)), is_doubled, "{one}{other}{notes:?}");
+        }
         let live_link = "[[link]]\nkind = \"live-link\"\n";
         assert!(noted(&[live_link]).is_empty(), "its datagrams have 312 bytes");
         let notes = noted(&[live_link, "subject = \"facewire\"\n"]).concat();

@@ -9,6 +9,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use facewire_packet::control::sockets;
+
 use super::background::Device;
 use super::{LinkError, LinkErrorKind};
 use crate::config::Listen;
@@ -39,6 +41,18 @@ impl Device for Stdout {
     }
 }
 
+/// Tests whether a socket can have its file there.
+pub fn check(path: &Path) -> Result<(), LinkError> {
+    let folder = path.parent().unwrap_or(path);
+    if folder.is_dir() {
+        return Ok(());
+    }
+    let is_runtime = sockets().iter().any(|socket| socket.parent() == Some(folder));
+    let remedy = if is_runtime { "start the service, whose manager makes it" } else { "make it, or give another path" };
+    let sentence = format!("there is no folder {}; {remedy}", folder.display());
+    Err(LinkError::new(LinkErrorKind::Other, path.display(), sentence))
+}
+
 pub struct Server {
     path: PathBuf,
     clients: Vec<Client>,
@@ -54,6 +68,7 @@ impl Device for Server {
     type Open = Listener;
 
     fn open(&mut self) -> Result<Listener, LinkError> {
+        check(&self.path)?;
         let listener = Listener::bind(&Listen::Unix(self.path.clone()));
         listener.map_err(|error| LinkError::no_listener(self.path.display(), error))
     }
@@ -145,6 +160,18 @@ mod tests {
         reader.read_line(&mut line).unwrap();
         assert!(line.ends_with('\n'), "{line:?}");
         line.trim().parse().unwrap()
+    }
+
+    #[test]
+    fn a_socket_whose_folder_is_not_there_is_reported_with_the_folder_and_is_there_once_somebody_makes_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("missing");
+        let mut server = Server::new(&missing.join("lines"));
+        let want = format!("there is no folder {}; make it, or give another path", missing.display());
+        let told = server.open().err().unwrap().to_string();
+        assert_eq!(told, format!("link {}: {want}", server.path.display()));
+        std::fs::create_dir(&missing).unwrap();
+        server.open().unwrap();
     }
 
     #[test]

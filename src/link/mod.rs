@@ -40,7 +40,7 @@ pub use self::release::release_servos;
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{JsonTarget, LinkKind, LinkSettings};
+use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -184,8 +184,14 @@ impl Link {
     }
 
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
-        if let Some(address) = settings.kind.address() {
-            udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
+        let fixed = if let LinkKind::IFacialMocap(it) = &settings.kind { it.address.clone() } else { None };
+        if let Some(address) = settings.kind.address().or(fixed) {
+            let receiver = udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
+            if address.as_str().parse() != Ok(receiver) {
+                return Ok(format!("{settings}; {address} is {receiver}"));
+            }
+        } else if let LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) = &settings.kind {
+            json::check(path)?;
         } else if let LinkKind::Pca9685(board) = &settings.kind {
             pca9685::Bus::open(board)?;
         } else if let Some((device, baud, auto)) = settings.kind.line() {

@@ -139,10 +139,11 @@ pub fn socket_for(receiver: SocketAddr, from: Option<SocketAddr>) -> io::Result<
     Ok(socket)
 }
 
-/// Tests whether this machine has a route to the address at this moment. Nothing is sent.
-pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<(), LinkError> {
+/// Tests whether this machine has a route to the address at this moment, and returns what the host name stands for. Nothing is
+/// sent.
+pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<SocketAddr, LinkError> {
     let (socket, receiver) = open(address, resolve(address)?, from)?;
-    socket.connect(receiver).map_err(|error| {
+    socket.connect(receiver).map(|()| receiver).map_err(|error| {
         let sentence = format!("no network leads there ({error}); check this machine's cable or Wi-Fi and the address");
         LinkError::new(LinkErrorKind::Host, address, sentence)
     })
@@ -153,7 +154,7 @@ fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
 }
 
 fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
-    address.as_str().to_socket_addrs().map(Iterator::collect)
+    address.parts().ok_or(io::ErrorKind::InvalidInput)?.to_socket_addrs().map(Iterator::collect)
 }
 
 /// Looks a host name up at once, then periodically, and whenever it is woken. If that fails, the last destination stays.
@@ -197,7 +198,9 @@ fn choose(
     current: Option<SocketAddr>,
 ) -> Result<SocketAddr, LinkError> {
     let unresolved = |reason| {
-        let sentence = format!("the host does not resolve ({reason}); {}", name_server_remedy());
+        let interface = |name| format!("check that this machine has the interface {name}");
+        let remedy = address.interface().map_or_else(name_server_remedy, interface);
+        let sentence = format!("the host does not resolve ({reason}); {remedy}");
         LinkError::new(LinkErrorKind::Host, address, sentence)
     };
     let found = found.map_err(|error| unresolved(error.to_string()))?;

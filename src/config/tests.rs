@@ -233,6 +233,26 @@ fn texts_are_taken_or_refused_with_what_to_give() {
 }
 
 #[test]
+fn a_file_may_have_a_byte_order_mark_and_one_in_another_encoding_is_refused_with_its_line() {
+    let toml = "[camera]\nfps = 20\n# höher\n";
+    let loaded = |bytes: &[u8]| {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        let outcome = load(None, "generic", Some(file.path()), |_, _| {}).map(|settings| settings.camera.fps);
+        outcome.map_err(|faults| faults.to_string().replace(file.path().to_str().unwrap(), "file"))
+    };
+    let marked = format!("\u{feff}{toml}");
+    assert_eq!(loaded(marked.as_bytes()), Ok(20));
+    assert_eq!(parse("file", &marked).unwrap().camera.fps, 20, "a text that was kept");
+    let utf16: Vec<u8> = marked.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for file in [&utf16[..], &utf16[2..]] {
+        assert!(loaded(file).unwrap_err().starts_with("file:1: the file is in UTF-16"), "{:?}", loaded(file));
+    }
+    let latin1: Vec<u8> = toml.chars().map(|letter| letter as u8).collect();
+    assert_eq!(loaded(&latin1), Err("file:3: the byte 0xF6 is not UTF-8; save the file as UTF-8".to_owned()));
+}
+
+#[test]
 fn a_choice_that_is_spelt_differently_is_refused_with_the_one_that_may_be_meant() {
     let meant = [("live_link", "live-link"), ("LiveLink", "live-link"), ("livelink", "live-link"), ("UDP", "udp")];
     let meant = meant.into_iter().chain([("art-net", "artnet"), ("sACN", "sacn"), ("iFacialMocap", "ifacialmocap")]);

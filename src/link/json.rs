@@ -125,7 +125,9 @@ impl Client {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
     use std::io::{BufRead as _, BufReader, Read as _};
+    use std::os::unix::fs::PermissionsExt as _;
 
     use super::*;
     use crate::link::testing::PATIENCE;
@@ -172,6 +174,20 @@ mod tests {
         assert_eq!(told, format!("link {}: {want}", server.path.display()));
         std::fs::create_dir(&missing).unwrap();
         server.open().unwrap();
+    }
+
+    #[test]
+    fn the_group_of_a_runtime_directory_that_is_shared_with_it_may_read_the_lines_and_nobody_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        for (folder_mode, group_may) in [(0o710, true), (0o755, false), (0o700, false)] {
+            std::fs::set_permissions(folder.path(), Permissions::from_mode(folder_mode)).unwrap();
+            let mut server = Server::new(&folder.path().join("lines"));
+            let _listener = server.open().unwrap();
+            let mode = mode(&server.path);
+            // Nobody can connect without the right to write.
+            assert_eq!((mode == 0o660, mode & 0o002), (group_may, 0), "{folder_mode:o} {mode:o}");
+        }
     }
 
     #[test]

@@ -126,7 +126,8 @@ mod tests {
             let counts = [0, 1, 0, changes, kinds, 4].map(|count| u32::try_from(count).unwrap().to_be_bytes());
             [&b"TZif2"[..], &[0; 15], counts.as_flattened()].concat()
         };
-        let kinds_of = |kinds: &[i32]| kinds.iter().flat_map(|it| [&it.to_be_bytes()[..], &[0; 2]].concat()).collect::<Vec<_>>();
+        let kinds_of =
+            |kinds: &[i32]| kinds.iter().flat_map(|it| [&it.to_be_bytes()[..], &[0; 2]].concat()).collect::<Vec<_>>();
         let times = |bytes: usize| changes.iter().flat_map(move |(at, _)| at.to_be_bytes()[8 - bytes..].to_vec());
         let indices = || changes.iter().map(|(_, kind)| *kind);
         let data = |bytes: usize| {

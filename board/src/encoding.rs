@@ -10,7 +10,8 @@ pub struct WrongEncoding {
 /// Returns the text of a file in UTF-8, without a byte order mark.
 pub fn utf8(file: Vec<u8>) -> Result<String, WrongEncoding> {
     if is_utf16(&file) {
-        let sentence = "the file is in UTF-16, as some editors and older PowerShells save it; save it as UTF-8".to_owned();
+        let sentence =
+            "the file is in UTF-16, as some editors and older PowerShells save it; save it as UTF-8".to_owned();
         return Err(WrongEncoding { line: 1, sentence });
     }
     let mut text = String::from_utf8(file).map_err(|error| {

@@ -350,7 +350,8 @@ impl Call<'_> {
 
     async fn settings(&self) -> Result<Value, Refusal> {
         let console = self.console;
-        let ((text, wrong), versions) = console.settings.on_disk(|file| Ok((file.read()?, file.old_versions()?))).await?;
+        let ((text, wrong), versions) =
+            console.settings.on_disk(|file| Ok((file.read()?, file.old_versions()?))).await?;
         let mut faults = console.faults(&text).await?;
         faults.splice(..0, wrong);
         let schema = console.program.run(&["defaults", "--schema"], "").await?;

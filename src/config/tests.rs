@@ -165,7 +165,10 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[[link]]\nadjust = { mirror = 3 }", "link.adjust.mirror = 3: give true or false"),
         ("device = \"tty\"", "link.device is not a setting of a link with kind = \"udp\"; that has kind, address, "),
         ("[[link]]\nkind = \"maestro\"\n[[link.channel]]\nspeed = 1", "link.channel.speed is not a setting; did"),
-        ("[log]\nlevel = \"Warning\"", "log.level = \"Warning\": give one of \"error\", \"warn\", \"info\", \"debug\", \"trace\"; did you mean \"warn\"?"),
+        (
+            "[log]\nlevel = \"Warning\"",
+            "log.level = \"Warning\": give one of \"error\", \"warn\", \"info\", \"debug\", \"trace\"; did you mean \"warn\"?",
+        ),
         ("[[link]]\nkind = \"seriell\"", "link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", "),
         ("[metrics]\nlisten = \"tab\té\"", "metrics.listen = \"tab\\té\": give \"\", a loopback address"),
     ];
@@ -269,7 +272,10 @@ fn an_address_that_is_not_what_it_seems_is_refused_with_what_to_give() {
     let numbers = "four decimal numbers from 0 to 255 without leading zeros";
     let brackets = "an IPv6 address in brackets";
     let cases = [
-        ("127.0.0.010:1|010.0.0.1:1|127.1:1|2130706433:1|0x7f.0.0.1:1|0X7F000001:1|1.2.3.256:1|1.2.3.4.:1|1.2.3:1", numbers),
+        (
+            "127.0.0.010:1|010.0.0.1:1|127.1:1|2130706433:1|0x7f.0.0.1:1|0X7F000001:1|1.2.3.256:1|1.2.3.4.:1|1.2.3:1",
+            numbers,
+        ),
         ("*:1|*.local:1", "in place of the star: 0.0.0.0 to listen"),
         (" head:1|head:1 |he ad:1|head :1|head:\\t1|\u{a0}head:1", "without blanks"),
         ("::1:1|fe80::1:1|[fe80::1%]:1|[head]:1|[127.0.0.1]:1|[]:1", brackets),
@@ -277,7 +283,8 @@ fn an_address_that_is_not_what_it_seems_is_refused_with_what_to_give() {
     ];
     for (bad, expected) in cases {
         for bad in bad.split('|') {
-            let keys = [("kind = \"udp\"\naddress", ""), ("kind = \"sacn\"\naddress", ""), ("kind = \"json\"\nto", "udp:")];
+            let keys =
+                [("kind = \"udp\"\naddress", ""), ("kind = \"sacn\"\naddress", ""), ("kind = \"json\"\nto", "udp:")];
             for (key, prefix) in keys {
                 let faults = faults(&format!("[[link]]\n{key} = \"{prefix}{bad}\"\n"));
                 assert!(faults.contains(expected) && !faults.contains('\n'), "{bad}: {faults}");
@@ -286,9 +293,14 @@ fn an_address_that_is_not_what_it_seems_is_refused_with_what_to_give() {
     }
     for bad in ["127.0.0.010:49983", "*:49983", " 0.0.0.0:49983"] {
         let faults = faults(&format!("[[link]]\nkind = \"ifacialmocap\"\nlisten = \"{bad}\"\n"));
-        assert!(["without leading zeros", "the star", "without blanks"].iter().any(|it| faults.contains(it)), "{faults}");
+        assert!(
+            ["without leading zeros", "the star", "without blanks"].iter().any(|it| faults.contains(it)),
+            "{faults}"
+        );
     }
-    for good in ["127.0.0.10:1", "head7:1", "7.head.local:1", "0xhead:1", "[fe80::1%eth0]:1", "[ff02::1%2]:1", "höhle.local:1"] {
+    for good in
+        ["127.0.0.10:1", "head7:1", "7.head.local:1", "0xhead:1", "[fe80::1%eth0]:1", "[ff02::1%2]:1", "höhle.local:1"]
+    {
         assert_eq!(faults(&format!("[[link]]\naddress = \"{good}\"\n")), "");
     }
 }

@@ -281,7 +281,8 @@ fn objection_to_address(text: &str) -> Option<&'static str> {
     }
 }
 
-const V6: &str = "\"host:port\" with an IPv6 address in brackets, such as \"[2001:db8::1]:5252\" or \"[fe80::1%eth0]:5252\"";
+const V6: &str =
+    "\"host:port\" with an IPv6 address in brackets, such as \"[2001:db8::1]:5252\" or \"[fe80::1%eth0]:5252\"";
 
 /// Reads the address to send from, which cannot be a multicast group. The port may be 0.
 pub fn local_address() -> impl Reader<Option<SocketAddr>> {

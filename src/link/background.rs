@@ -384,7 +384,8 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_takes_a_message_and_fails_again_and_again_is_opened_ever_more_rarely_until_it_works_for_a_second() {
+    fn a_device_that_takes_a_message_and_fails_again_and_again_is_opened_ever_more_rarely_until_it_works_for_a_second()
+    {
         let clock = Arc::new(Mutex::new(Instant::now()));
         let mut device = Flapping { clock: Arc::clone(&clock), works_for: Duration::ZERO, logged: Cell::new(0) };
         let (mut newest, mut output) = triple_buffer(&Message::new());

@@ -369,7 +369,11 @@ mod tests {
         assert_eq!(ports(&server), [2, 4, 6, 7, 8, 30, 31, 32], "all are reached: the oldest");
         sent_at(&mut server, 30, unreached);
         server.admit(port(33), 1, later);
-        assert_eq!(ports(&server), [4, 6, 7, 8, 30, 31, 32, 33], "one whom nothing reaches, but who has just asked, stays");
+        assert_eq!(
+            ports(&server),
+            [4, 6, 7, 8, 30, 31, 32, 33],
+            "one whom nothing reaches, but who has just asked, stays"
+        );
     }
 
     /// A socket that has no receiver stands for one whose address this machine has lost: the system refuses to send by it.

@@ -57,22 +57,23 @@ impl UdpCarrier {
         let from = panel.kind.universe().and_then(|(_, from)| from);
         // The address to send from may appear later, like that of a host name, and so may the right to use the network.
         let literal = address.as_str().parse().ok().filter(|_| from.is_none());
-        let lookup = if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None, system.socket).ok()) {
-            input.write(Some(destination));
-            None
-        } else {
-            let (wake, woken) = sync_channel(1);
-            let host = address.clone();
-            let shared = Arc::clone(&panel);
-            let thread = Builder::new().name("fw-lookup".to_owned()).stack_size(LINK_STACK_BYTES);
-            let started = thread.spawn(move || {
-                while panics(&host, &shared, || look_up(&host, from, &system, &mut input, &woken, &shared)) {
-                    thread::sleep(PANIC_PAUSE);
-                }
-            });
-            started.map_err(|error| LinkError::no_thread(address, error))?;
-            Some(wake)
-        };
+        let lookup =
+            if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None, system.socket).ok()) {
+                input.write(Some(destination));
+                None
+            } else {
+                let (wake, woken) = sync_channel(1);
+                let host = address.clone();
+                let shared = Arc::clone(&panel);
+                let thread = Builder::new().name("fw-lookup".to_owned()).stack_size(LINK_STACK_BYTES);
+                let started = thread.spawn(move || {
+                    while panics(&host, &shared, || look_up(&host, from, &system, &mut input, &woken, &shared)) {
+                        thread::sleep(PANIC_PAUSE);
+                    }
+                });
+                started.map_err(|error| LinkError::no_thread(address, error))?;
+                Some(wake)
+            };
         Ok(Self { destination, lookup, panel, refusal: None })
     }
 
@@ -130,8 +131,7 @@ fn open(
     from: Option<SocketAddr>,
     socket: fn(SocketAddr, Option<SocketAddr>) -> io::Result<UdpSocket>,
 ) -> Result<Destination, LinkError> {
-    let opened =
-        socket(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
+    let opened = socket(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
     let socket = opened.map_err(|error| {
         let remedy = from
             .map(|from| format!("this machine has the address {}, and that no other program uses its port", from.ip()));
@@ -306,7 +306,9 @@ mod tests {
         let Ok(socket) = UdpSocket::bind("[::1]:0") else { return skip("this machine has no IPv6") };
         let address = Address::new(&format!("[::1%lo]:{}", socket.local_addr().unwrap().port())).unwrap();
         match system_resolver(&address) {
-            Ok(found) => assert_eq!(found.iter().map(SocketAddr::ip).collect::<Vec<_>>(), ["::1".parse::<IpAddr>().unwrap()]),
+            Ok(found) => {
+                assert_eq!(found.iter().map(SocketAddr::ip).collect::<Vec<_>>(), ["::1".parse::<IpAddr>().unwrap()])
+            }
             // Some systems take the interface for an address that is link-local alone.
             Err(_) => {
                 let link_local = Address::new("[fe80::1%lo]:5252").unwrap();
@@ -364,7 +366,8 @@ mod tests {
         let receiver = receiver("127.0.0.1:0");
         let address = Address::new(&receiver.local_addr().unwrap().to_string()).unwrap();
         let panel = Arc::<Panel>::default();
-        let mut link = UdpCarrier::by(System { resolve: system_resolver, socket }, &address, Arc::clone(&panel)).unwrap();
+        let mut link =
+            UdpCarrier::by(System { resolve: system_resolver, socket }, &address, Arc::clone(&panel)).unwrap();
         for error in ERRORS {
             let want = format!("no socket ({}); check that the service may use the network", io::Error::from(error));
             eventually("a word", || {

@@ -47,10 +47,15 @@ pub fn check(path: &Path) -> Result<(), LinkError> {
     if folder.is_dir() {
         return Ok(());
     }
+    // The manager of the service makes its runtime directory.
     let is_runtime = sockets().iter().any(|socket| socket.parent() == Some(folder));
-    let remedy = if is_runtime { "start the service, whose manager makes it" } else { "make it, or give another path" };
+    let (kind, remedy) = if is_runtime {
+        (LinkErrorKind::Waiting, "it is there once the service runs")
+    } else {
+        (LinkErrorKind::Other, "make it, or give another path")
+    };
     let sentence = format!("there is no folder {}; {remedy}", folder.display());
-    Err(LinkError::new(LinkErrorKind::Other, path.display(), sentence))
+    Err(LinkError::new(kind, path.display(), sentence))
 }
 
 pub struct Server {

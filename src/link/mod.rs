@@ -188,10 +188,14 @@ impl Link {
         if let Some(address) = settings.kind.address().or(fixed) {
             let receiver = udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
             if address.as_str().parse() != Ok(receiver) {
-                return Ok(format!("{settings}; {address} is {receiver}"));
+                let host = address.parts().map_or("", |(host, _)| host);
+                return Ok(format!("{settings}; {host} is {} at present", receiver.ip()));
             }
         } else if let LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) = &settings.kind {
-            json::check(path)?;
+            match json::check(path) {
+                Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
+                checked => checked?,
+            }
         } else if let LinkKind::Pca9685(board) = &settings.kind {
             pca9685::Bus::open(board)?;
         } else if let Some((device, baud, auto)) = settings.kind.line() {

@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, fmt::Display, time::Duration};
 
-pub const LONGEST_WAIT: Duration = Duration::from_secs(1);
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
 
 /// The growing waits between attempts: 100 ms at first, then twice as long each time, up to [`LONGEST_WAIT`]. Start with

@@ -35,8 +35,8 @@ pub(super) trait Device: Send + 'static {
 
     fn open(&mut self) -> Result<Self::Open, LinkError>;
 
-    /// Logs that the device is open. A device that opens and fails, again and again, logs that once.
-    fn log_opened(&self, _open: &Self::Open) {}
+    /// Logs that the device is open, and begins to log anew. A device that opens and fails, again and again, does so once.
+    fn log_opened(&mut self, _open: &Self::Open) {}
 
     /// Writes the message. Returns whether the device took it.
     fn write(&mut self, open: &mut Self::Open, message: &[u8]) -> Result<bool, LinkError>;
@@ -369,7 +369,7 @@ mod tests {
             Ok(())
         }
 
-        fn log_opened(&self, (): &()) {
+        fn log_opened(&mut self, (): &()) {
             self.logged.set(self.logged.get() + 1);
         }
 

@@ -139,8 +139,7 @@ impl Link {
         let device = match &settings.kind {
             LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
             LinkKind::BusServo(it) => {
-                let servos = bus_servo::Servos { settings: it.clone(), panel: shared() };
-                Some(Background::start(settings, "fw-servos", servos, shared())?)
+                Some(Background::start(settings, "fw-servos", bus_servo::Servos::new(it, shared()), shared())?)
             }
             LinkKind::Pca9685(it) => {
                 Some(Background::start(settings, "fw-i2c", pca9685::Chip::new(it, &panel.dials), shared())?)

@@ -123,7 +123,7 @@ impl Device for Chip {
         Ok(bus)
     }
 
-    fn log_opened(&self, bus: &Bus) {
+    fn log_opened(&mut self, bus: &Bus) {
         if self.has_external_clock {
             tracing::warn!(
                 "link {}: another program has told the chip to go by a clock at its pin EXTCLK; if nothing is connected \

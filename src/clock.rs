@@ -1,7 +1,7 @@
 //! The clocks of the machine.
 
+use std::fs;
 use std::time::{SystemTime, UNIX_EPOCH};
-use std::{fs, iter};
 
 use rustix::time::{ClockId, clock_gettime};
 
@@ -70,10 +70,11 @@ impl Zone {
         let (kinds, rest) = rest.split_at_checked(counts.changes)?;
         let (offsets, _) = rest.get(..6 * counts.kinds)?.as_chunks::<6>();
         let ahead_s = |kind: u8| Some(i64::from(i32::from_be_bytes(*offsets.get(usize::from(kind))?.first_chunk()?)));
-        let (times, _) = times.as_chunks();
-        let changes = times.iter().zip(kinds).map(|(time, kind)| Some((i64::from_be_bytes(*time), ahead_s(*kind)?)));
-        let first = iter::once(ahead_s(0).map(|ahead_s| (i64::MIN, ahead_s)));
-        first.chain(changes).collect::<Option<_>>().map(Self)
+        let mut changes = vec![(i64::MIN, ahead_s(0)?)];
+        for (time, kind) in times.as_chunks().0.iter().zip(kinds) {
+            changes.push((i64::from_be_bytes(*time), ahead_s(*kind)?));
+        }
+        Some(Self(changes))
     }
 
     fn offset_s(&self, utc_s: i64) -> i64 {

@@ -60,6 +60,15 @@ pub struct Retry {
 }
 
 impl Retry {
+    /// Starts anew if a success has lasted. Returns whether it did.
+    pub fn succeed(&mut self, lasted: Duration) -> bool {
+        let has_lasted = has_lasted(lasted);
+        if has_lasted {
+            *self = Self::default();
+        }
+        has_lasted
+    }
+
     pub fn warn(&mut self, missing: &impl Display) {
         let reason = missing.to_string();
         if self.logged.is_new(&reason) {

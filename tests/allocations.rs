@@ -149,13 +149,13 @@ fn links_of_every_kind_allocate_nothing_on_the_senders_thread() {
     for kind in LinkKind::NAMES {
         let (settings, traffic) = (link_to_nobody(kind), Arc::<Traffic>::default());
         let mut link = Link::open(&settings, &traffic).unwrap();
-        let mut announcements = announcements(std::slice::from_ref(&settings));
+        let mut announcement = announcement(std::slice::from_ref(&settings), 0);
         let mut send = |numbers: std::ops::Range<u16>| {
             for number in numbers {
                 let now_us = u64::from(number) * 16_667;
                 link.offer(&settings, RATES, now_us, &moving_face(number));
                 // The first one is measured, too.
-                for announcement in announcements.iter_mut().flatten().filter(|_| number >= 40) {
+                for announcement in announcement.iter_mut().filter(|_| number >= 40) {
                     link.announce(announcement, now_us);
                 }
             }

@@ -104,9 +104,9 @@ impl SettingsFile {
             file => file?,
         };
         Ok(match utf8(file.clone()) {
-            Ok(text) => (text, None),
+            Ok(text) => (text.trim_start_matches('\u{feff}').to_owned(), None),
             Err(WrongEncoding { line, sentence }) => {
-                let fault = Fault { line: u32::try_from(line).ok(), key: None, text: sentence };
+                let fault = Fault { line: u32::try_from(line).ok(), key: None, text: sentence.to_owned() };
                 (decoded(&file), Some(fault))
             }
         })

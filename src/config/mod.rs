@@ -144,7 +144,7 @@ fn lay(
     let named = value.map_or(Some(AUTO), |value| value.get_ref().as_str()).and_then(|name| find_board(name, detected));
     // A board that the file names must be known, even if another one is fixed.
     if let (Some(value), None) = (value, named) {
-        file.refuse_value(&Entry { path: "board".to_owned(), value }, &Takes::OneOf(board_names().collect()));
+        file.refuse_value(&Entry { path: "board".to_owned(), value }, &Takes::OneOf(board_names().collect()), |_| None);
     }
     if let Some((name, text)) = fixed.or(named) {
         settings.board = name;

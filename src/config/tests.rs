@@ -167,7 +167,7 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[[link]]\nkind = \"maestro\"\n[[link.channel]]\nspeed = 1", "link.channel.speed is not a setting; did"),
         (
             "[log]\nlevel = \"Warning\"",
-            "log.level = \"Warning\": give one of \"error\", \"warn\", \"info\", \"debug\", \"trace\"; did you mean \"warn\"?",
+            "log.level = \"Warning\": give one of \"error\", \"warn\", \"info\", \"debug\", \"trace\"; did you mean warn?",
         ),
         ("[[link]]\nkind = \"seriell\"", "link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", "),
         ("[metrics]\nlisten = \"tab\té\"", "metrics.listen = \"tab\\té\": give \"\", a loopback address"),
@@ -252,7 +252,7 @@ fn a_file_may_have_a_byte_order_mark_and_one_in_another_encoding_is_refused_with
         assert!(loaded(file).unwrap_err().starts_with("file:1: the file is in UTF-16"), "{:?}", loaded(file));
     }
     let latin1: Vec<u8> = toml.chars().map(|letter| letter as u8).collect();
-    assert_eq!(loaded(&latin1), Err("file:3: the byte 0xF6 is not UTF-8; save the file as UTF-8".to_owned()));
+    assert_eq!(loaded(&latin1), Err("file:3: this line is not in UTF-8; save the file as UTF-8".to_owned()));
 }
 
 #[test]
@@ -261,10 +261,10 @@ fn a_choice_that_is_spelt_differently_is_refused_with_the_one_that_may_be_meant(
     let meant = meant.into_iter().chain([("art-net", "artnet"), ("sACN", "sacn"), ("iFacialMocap", "ifacialmocap")]);
     for (written, kind) in meant {
         let faults = faults(&format!("[[link]]\nkind = \"{written}\"\n"));
-        assert!(faults.ends_with(&format!("; did you mean \"{kind}\"?")) && !faults.contains('\n'), "{faults}");
+        assert!(faults.ends_with(&format!("; did you mean {kind}?")) && !faults.contains('\n'), "{faults}");
     }
     assert!(!faults("[[link]]\nkind = \"quic\"\n").contains("did you mean"));
-    assert!(faults("board = \"pi_4\"\n").ends_with("; did you mean \"pi4\"?"), "{}", faults("board = \"pi_4\"\n"));
+    assert!(faults("board = \"pi_4\"\n").ends_with("; did you mean pi4?"), "{}", faults("board = \"pi_4\"\n"));
 }
 
 #[test]

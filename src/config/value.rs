@@ -6,7 +6,7 @@ use std::{fmt, ops::RangeInclusive, path::PathBuf};
 use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
 
-use super::overlay::{Entry, Overlay, Reader, Section};
+use super::overlay::{Entry, Objection, Overlay, Reader, Section};
 use super::takes::Takes;
 
 pub trait Choice: Copy + PartialEq + 'static {
@@ -54,8 +54,7 @@ impl<T: Section> Reader<T> for Table {
 struct Value<F> {
     takes: Takes,
     read: F,
-    /// Returns what to give in place of a text, if there is something better than `takes`.
-    objection: fn(&str) -> Option<&'static str>,
+    objection: Objection,
 }
 
 impl<F> Value<F> {
@@ -72,10 +71,7 @@ impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
     fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         match (self.read)(entry.value.get_ref()) {
             Some(value) => *setting = value,
-            None => match entry.value.get_ref().as_str().and_then(self.objection) {
-                Some(better) => file.refuse(entry, better.to_owned()),
-                None => file.refuse_value(entry, &self.takes),
-            },
+            None => file.refuse_value(entry, &self.takes, self.objection),
         }
     }
 }
@@ -248,36 +244,36 @@ impl fmt::Display for Address {
 /// Returns what to give in place of an address that cannot be meant as it is written.
 fn objection_to_address(text: &str) -> Option<&'static str> {
     // `getaddrinfo` takes numbers of fewer parts, of base 8 and of base 16 for addresses, which nobody means.
-    let is_number = |part: &str| {
-        let hexadecimal = part.strip_prefix("0x").or_else(|| part.strip_prefix("0X"));
-        let digits = hexadecimal.unwrap_or(part);
-        digits.bytes().all(|digit| digit.is_ascii_digit() || hexadecimal.is_some() && digit.is_ascii_hexdigit())
+    let is_number = |part: &[u8]| match part {
+        [b'0', b'x' | b'X', digits @ ..] => digits.iter().all(u8::is_ascii_hexdigit),
+        digits => digits.iter().all(u8::is_ascii_digit),
     };
     let is_v6 = |host: &str| {
         let (address, interface) = host.split_once('%').unwrap_or((host, "eth0"));
         address.parse::<Ipv6Addr>().is_ok() && !interface.is_empty()
     };
-    let is_of_name = |letter: char| letter.is_alphanumeric() || "-_.".contains(letter);
+    let is_of_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte) || !byte.is_ascii();
+    let has = |text: &str, byte: u8| text.as_bytes().contains(&byte);
     let text = text.strip_prefix("udp:").unwrap_or(text);
     let (host, _) = text.rsplit_once(':').filter(|_| !text.starts_with("unix:"))?;
     let v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
-    if text.contains(char::is_whitespace) {
+    if text.chars().any(char::is_whitespace) {
         Some("\"host:port\" without blanks")
-    } else if host.contains('*') {
+    } else if has(host, b'*') {
         Some(
             "a host in place of the star: 0.0.0.0 to listen at all addresses of this machine, or 255.255.255.255 to send to all \
              machines of a network",
         )
     } else if let Some(v6) = v6 {
         (!is_v6(v6)).then_some(V6)
-    } else if host.contains(':') && !host.contains('/') {
+    } else if has(host, b':') && !has(host, b'/') {
         Some(V6)
-    } else if host.split('.').all(is_number) {
+    } else if host.as_bytes().split(|byte| *byte == b'.').all(is_number) {
         let expected = "\"host:port\" with a name, or with an IPv4 address of four decimal numbers from 0 to 255 without leading \
                         zeros, such as \"127.0.0.10:5252\"";
         (!host.is_empty() && host.parse::<Ipv4Addr>().is_err()).then_some(expected)
     } else {
-        (!host.chars().all(is_of_name)).then_some("\"host:port\": a name has letters, digits and - _ . only")
+        (!host.bytes().all(is_of_name)).then_some("\"host:port\": a name has letters, digits and - _ . only")
     }
 }
 

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
 use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
-use crate::retry::{Retry, has_lasted};
+use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
 const MESSAGE_BYTES: usize = 2048;
@@ -211,23 +211,20 @@ fn session(
     shared.open.store(true, Relaxed);
     shared.panel.note(None);
     let mut is_logged = false;
-    if !retry.has_logged_success {
-        device.log_opened(&open);
-        is_logged = true;
-        retry.has_logged_success = true;
-    }
+    let mut is_to_be_logged = !std::mem::replace(&mut retry.has_logged_success, true);
     loop {
+        if is_to_be_logged && !is_logged {
+            device.log_opened(&open);
+            is_logged = true;
+        }
         // Read before the message, so that a message given before the end is still written.
         let is_stopping = shared.stop.load(Acquire);
         if newest.update() {
             let took = device.write(&mut open, newest.peek_output_buffer());
             let is_taken = matches!(took, Ok(true));
             is_refused = matches!(took, Ok(false));
-            if is_taken && has_lasted(now().saturating_duration_since(opened_at)) {
-                if !std::mem::replace(&mut is_logged, true) {
-                    device.log_opened(&open);
-                }
-                *retry = Retry::default();
+            if is_taken {
+                is_to_be_logged |= retry.succeed(now().saturating_duration_since(opened_at));
             }
             shared.panel.count(is_taken);
             took?;

@@ -28,27 +28,28 @@ pub fn cid_of(it: &SacnSettings) -> [u8; 16] {
     cid(&[&facewire_board::machine_id(), &it.source])
 }
 
-/// Returns what each of the links announces. A source can send several universes, each by a link of its own: the first of its
-/// links to a receiver names all of them, because consoles keep the last list that a source has sent.
-pub fn announcements(links: &[LinkSettings]) -> Vec<Option<Announcement>> {
-    let sacn = |link: &LinkSettings| if let LinkKind::Sacn(it) = &link.kind { Some(it.clone()) } else { None };
-    let is_same = |one: &SacnSettings, other: &SacnSettings| {
-        (&one.source, &one.address, one.from.map(|from| from.ip()))
-            == (&other.source, &other.address, other.from.map(|from| from.ip()))
-    };
-    let all: Vec<Option<SacnSettings>> = links.iter().map(sacn).collect();
-    let announced = all.iter().enumerate().map(|(index, it)| {
-        let it = it.as_ref()?;
-        let mut others = all.iter().take(index).flatten();
-        if others.any(|other| is_same(it, other)) {
+/// Returns what the link of this number announces. A source can send several universes, each by a link of its own: the first of
+/// its links to a receiver names all of them, because consoles keep the last list that a source has sent.
+pub fn announcement(links: &[LinkSettings], number: usize) -> Option<Announcement> {
+    let it = sacn(links.get(number)?)?;
+    let mut universes = Vec::new();
+    for (index, link) in links.iter().enumerate() {
+        let Some(other) = sacn(link).filter(|other| (&it.source, &it.address) == (&other.source, &other.address))
+        else {
+            continue;
+        };
+        if index < number {
             return None;
         }
-        let of_source = all.iter().flatten().filter(|other| is_same(it, other));
-        let mut universes: Vec<u16> = of_source.map(|it| it.universe as u16).collect();
-        universes.sort_unstable();
-        Some(Announcement { message: discovery(cid_of(it), &it.source, &universes), due_us: 0 })
-    });
-    announced.collect()
+        let universe = other.universe as u16;
+        let place = universes.iter().position(|known| *known > universe).unwrap_or(universes.len());
+        universes.insert(place, universe);
+    }
+    Some(Announcement { message: discovery(cid_of(it), &it.source, &universes), due_us: 0 })
+}
+
+fn sacn(link: &LinkSettings) -> Option<&SacnSettings> {
+    if let LinkKind::Sacn(it) = &link.kind { Some(it) } else { None }
 }
 
 #[cfg(test)]
@@ -60,10 +61,11 @@ mod tests {
 
     /// The universes that each link announces, and how often it does within a minute, asked every 25 ms.
     fn announced(text: &str) -> Vec<Option<(Vec<u8>, usize)>> {
-        let announced = announcements(&parse("test", text).unwrap().links);
+        let links = parse("test", text).unwrap().links;
+        let announced = (0..links.len()).map(|number| announcement(&links, number));
         let of_minute = |mut it: Announcement| (0..2400).filter(|step| it.due(step * 25_000).is_some()).count();
         let universes = |it: &Announcement| it.message[120..].iter().copied().skip(1).step_by(2).collect();
-        announced.into_iter().map(|it| it.map(|it| (universes(&it), of_minute(it)))).collect()
+        announced.map(|it| it.map(|it| (universes(&it), of_minute(it)))).collect()
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use facewire_packet::control::sockets;
+use facewire_packet::control::SYSTEM_FOLDER;
 
 use super::background::Device;
 use super::{LinkError, LinkErrorKind};
@@ -47,8 +47,7 @@ pub fn check(path: &Path) -> Result<(), LinkError> {
     if folder.is_dir() {
         return Ok(());
     }
-    // The manager of the service makes its runtime directory.
-    let is_runtime = sockets().iter().any(|socket| socket.parent() == Some(folder));
+    let is_runtime = folder.as_os_str() == SYSTEM_FOLDER;
     let (kind, remedy) = if is_runtime {
         (LinkErrorKind::Waiting, "it is there once the service runs")
     } else {

@@ -27,7 +27,7 @@ use facewire_board::{Attached, latency_remedy, root};
 
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
-pub use self::discovery::{Announcement, announcements};
+pub use self::discovery::{Announcement, announcement};
 pub use self::encoder::packet;
 use self::encoder::{Encoder, encoder_of};
 use self::output::Shown;

@@ -20,7 +20,7 @@ use super::{STACK_BYTES, ServiceError, ends_before};
 use crate::capture::FrameRate;
 use crate::clock::monotonic_us;
 use crate::config::{FailsafeSettings, LinkSettings, Settings};
-use crate::link::{Announcement, Link, LinkError, Output, Panel, Rates, Traffic, announcements, packet};
+use crate::link::{Announcement, Link, LinkError, Output, Panel, Rates, Traffic, announcement, packet};
 use crate::recording::Recorded;
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
@@ -148,7 +148,8 @@ struct Linked {
 impl Links {
     /// Opens the links in `new` of which `live` has no panel. One whose host or device is away waits for it.
     pub(super) fn change(new: &Settings, mut live: Vec<Arc<Panel>>, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let open = |(settings, announcement): (&LinkSettings, Option<Announcement>)| {
+        let open = |(number, settings): (usize, &LinkSettings)| {
+            let announcement = announcement(&new.links, number);
             let settings = settings.clone();
             if let Some(index) = live.iter().position(|panel| panel.kind == settings.kind) {
                 return Ok(Linked { settings, panel: live.remove(index), link: None, replaced: None, announcement });
@@ -158,7 +159,7 @@ impl Links {
             let link = Link::open(&settings, traffic)?;
             Ok(Linked { settings, panel: Arc::clone(&link.panel), link: Some(link), replaced, announcement })
         };
-        let links = new.links.iter().zip(announcements(&new.links)).map(open).collect::<Result<_, _>>()?;
+        let links = new.links.iter().enumerate().map(open).collect::<Result<_, _>>()?;
         Ok(Self { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links })
     }
 

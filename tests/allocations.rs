@@ -15,7 +15,7 @@ use common::service::Receiver;
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source};
 use facewire::config::{self, LinkKind, LinkSettings};
-use facewire::link::{Link, Output, Rates, Traffic, announcements};
+use facewire::link::{Link, Output, Rates, Traffic, announcement};
 use facewire::pipeline::Pipeline;
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::Watch;

@@ -1,10 +1,10 @@
 //! A listening socket, TCP or Unix, and the connections accepted on it.
 
-use std::fs;
+use std::fs::{self, Permissions, metadata, set_permissions};
 use std::io::{self, ErrorKind};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::FileTypeExt as _;
+use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 
@@ -12,6 +12,9 @@ use rustix::io::{Errno, ioctl_fionbio};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, connect, socket_with};
 
 use crate::config::Listen;
+
+/// The mode of a runtime directory whose group may use the sockets in it.
+const SHARED_FOLDER: u32 = 0o710;
 
 /// An open listening socket, and the path of its file if it has one, which is deleted on drop.
 #[derive(Debug)]
@@ -22,7 +25,8 @@ pub struct Listener {
 
 impl Listener {
     /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
-    /// other file at the path, including a socket in use, is left untouched and makes this fail.
+    /// other file at the path, including a socket in use, is left untouched and makes this fail. In a runtime directory that is
+    /// shared with a group, the group may use the socket.
     pub fn bind(listen: &Listen) -> io::Result<Self> {
         let (socket, path): (OwnedFd, _) = match listen {
             Listen::Off => return Err(ErrorKind::AddrNotAvailable.into()),
@@ -31,7 +35,11 @@ impl Listener {
                 if is_stale(path) {
                     fs::remove_file(path)?;
                 }
-                (UnixListener::bind(path)?.into(), Some(path.clone()))
+                let listener = UnixListener::bind(path)?;
+                if is_shared(path) {
+                    set_permissions(path, Permissions::from_mode(0o660))?;
+                }
+                (listener.into(), Some(path.clone()))
             }
         };
         ioctl_fionbio(&socket, true)?;
@@ -41,6 +49,12 @@ impl Listener {
     pub fn accept(&self) -> io::Result<OwnedFd> {
         Ok(accept_with(&self.socket, SocketFlags::NONBLOCK | SocketFlags::CLOEXEC)?)
     }
+}
+
+/// Whether the group of the folder may use a socket there. Whoever made the folder says so by its mode.
+pub fn is_shared(path: &Path) -> bool {
+    let folder = path.parent().and_then(|folder| metadata(folder).ok());
+    folder.is_some_and(|folder| folder.permissions().mode() & 0o777 == SHARED_FOLDER)
 }
 
 /// Returns whether `path` is a Unix socket on which no process listens any more. Does not block if the listener is too

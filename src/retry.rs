@@ -2,15 +2,29 @@
 
 use std::{collections::VecDeque, fmt::Display, time::Duration};
 
-pub const LONGEST_WAIT: Duration = Duration::from_secs(1);
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
 
 /// The growing waits between attempts: 100 ms at first, then twice as long each time, up to [`LONGEST_WAIT`]. Start with
-/// a new value after a success.
+/// a new value after a success that has lasted.
 #[derive(Debug, Default)]
 pub struct BackOff(Duration);
 
+/// Whether a success of this length has lasted. What works for a moment and fails, again and again, keeps its back-off and what
+/// was logged of it, so that it neither keeps the machine busy nor fills the log.
+pub fn has_lasted(time: Duration) -> bool {
+    time >= LONGEST_WAIT
+}
+
 impl BackOff {
+    /// As [`BackOff::wait`], after a success of the length `lasted`, which is 0 after a failed attempt.
+    pub fn wait_after(&mut self, lasted: Duration) -> Duration {
+        if has_lasted(lasted) {
+            *self = Self::default();
+        }
+        self.wait()
+    }
+
     pub fn wait(&mut self) -> Duration {
         self.0 = (2 * self.0).clamp(FIRST_WAIT, LONGEST_WAIT);
         self.0
@@ -36,14 +50,25 @@ impl LoggedReasons {
     }
 }
 
-/// Attempts at something that logs its own failures. Start with a new value after a success.
+/// Attempts at something that logs its own failures. Start with a new value after a success that has lasted.
 #[derive(Debug, Default)]
 pub struct Retry {
     pub back_off: BackOff,
     pub logged: LoggedReasons,
+    /// Whether a success was logged.
+    pub has_logged_success: bool,
 }
 
 impl Retry {
+    /// Starts anew if a success has lasted. Returns whether it did.
+    pub fn succeed(&mut self, lasted: Duration) -> bool {
+        let has_lasted = has_lasted(lasted);
+        if has_lasted {
+            *self = Self::default();
+        }
+        has_lasted
+    }
+
     pub fn warn(&mut self, missing: &impl Display) {
         let reason = missing.to_string();
         if self.logged.is_new(&reason) {
@@ -63,6 +88,15 @@ mod tests {
         assert_eq!(waits_ms, [100, 200, 400, 800, 1000, 1000, 1000]);
         back_off = BackOff::default();
         assert_eq!(back_off.wait(), Duration::from_millis(100));
+    }
+
+    #[test]
+    fn waits_double_up_to_a_second_and_begin_again_only_after_what_lasted_a_second() {
+        let mut back_off = BackOff::default();
+        let mut wait_ms = |lasted_ms| back_off.wait_after(Duration::from_millis(lasted_ms)).as_millis();
+        assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
+        assert_eq!(wait_ms(999), 1000, "a glimpse");
+        assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use common::service::Receiver;
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source};
 use facewire::config::{self, LinkKind, LinkSettings};
-use facewire::link::{Link, Output, Rates, Traffic};
+use facewire::link::{Link, Output, Rates, Traffic, announcement};
 use facewire::pipeline::Pipeline;
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::Watch;
@@ -149,9 +149,15 @@ fn links_of_every_kind_allocate_nothing_on_the_senders_thread() {
     for kind in LinkKind::NAMES {
         let (settings, traffic) = (link_to_nobody(kind), Arc::<Traffic>::default());
         let mut link = Link::open(&settings, &traffic).unwrap();
+        let mut announcement = announcement(std::slice::from_ref(&settings), 0);
         let mut send = |numbers: std::ops::Range<u16>| {
             for number in numbers {
-                link.offer(&settings, RATES, u64::from(number) * 16_667, &moving_face(number));
+                let now_us = u64::from(number) * 16_667;
+                link.offer(&settings, RATES, now_us, &moving_face(number));
+                // The first one is measured, too.
+                for announcement in announcement.iter_mut().filter(|_| number >= 40) {
+                    link.announce(announcement, now_us);
+                }
             }
         };
         send(0..40);

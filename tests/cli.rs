@@ -68,7 +68,7 @@ fn check_says_of_every_part_that_it_works() {
     assert!(camera.contains(" of 255; a face of 2"), "{camera}");
     assert!(board.starts_with("board     ok: generic, because this machine is not one of those"), "{board}");
     assert!(board.ends_with(" (without a name); no temperature sensor"), "{board}");
-    assert_eq!(*link, "link      ok: localhost:5252");
+    assert_eq!(*link, "link      ok: localhost:5252; localhost is 127.0.0.1 at present");
 }
 
 #[test]

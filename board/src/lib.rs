@@ -1,6 +1,6 @@
 //! The board: which one it is, its identifier, and what the kernel tells of its temperature, supply voltage and clock rates.
-//! It also describes serial ports, what makes tracking poor, on the board or in front of the camera, and a name server out of
-//! reach, with the remedies.
+//! It also describes serial ports, what makes tracking poor, on the board or in front of the camera, a name server out of
+//! reach, and files in a wrong encoding, with the remedies.
 //!
 //! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
 //! All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
@@ -8,6 +8,7 @@
 //! voltage is in `rpi_volt`, which the kernel asks the firmware for every 2 s, and a Pi that slows down because of heat
 //! shows it in its temperature.
 
+mod encoding;
 mod impairment;
 mod machine;
 mod network;
@@ -17,6 +18,7 @@ mod sensors;
 
 use std::path::PathBuf;
 
+pub use self::encoding::{WrongEncoding, is_utf16, utf8};
 pub use self::impairment::{Impairment, ImpairmentSet, Impairments};
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
 pub use self::network::{machine_id, name_server_remedy};

@@ -350,7 +350,10 @@ impl Call<'_> {
 
     async fn settings(&self) -> Result<Value, Refusal> {
         let console = self.console;
-        let (text, versions) = console.settings.on_disk(|file| Ok((file.text()?, file.old_versions()?))).await?;
+        let ((text, wrong), versions) =
+            console.settings.on_disk(|file| Ok((file.read()?, file.old_versions()?))).await?;
+        let mut faults = console.faults(&text).await?;
+        faults.splice(..0, wrong);
         let schema = console.program.run(&["defaults", "--schema"], "").await?;
         let schema: Value = serde_json::from_str(&schema.out).unwrap_or_default();
         Ok(json!({
@@ -359,7 +362,7 @@ impl Call<'_> {
             "hash": settings::hash(&text),
             "values": settings::values(&text),
             "schema": schema,
-            "faults": console.faults(&text).await?,
+            "faults": faults,
             "versions": versions,
         }))
     }

@@ -180,13 +180,15 @@ impl Console {
 
     /// Returns the status for the pages, and the metrics of the service if it runs.
     pub async fn look(&self) -> (Value, Option<String>) {
-        let text = self.settings.on_disk(SettingsFile::text).await;
-        let refused = match &text {
-            Ok(text) => {
+        let read = self.settings.on_disk(SettingsFile::read).await;
+        let refused = match &read {
+            Ok((_, Some(wrong))) => Ok(sentence(wrong)),
+            Ok((text, None)) => {
                 self.faults(text).await.map(|faults| faults.iter().map(sentence).collect::<Vec<_>>().join("\n"))
             }
             Err(error) => Err(io::Error::other(error.to_string())),
         };
+        let text = read.map(|(text, _)| text);
         if let Ok(text) = &text {
             *self.names.lock().unwrap_or_else(PoisonError::into_inner) = settings::names(text);
         }

@@ -11,6 +11,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
+use facewire_board::{WrongEncoding, is_utf16, utf8};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value as TomlValue};
@@ -93,10 +94,22 @@ impl SettingsFile {
 
     /// Returns the text. A file that does not exist has none.
     pub fn text(&self) -> io::Result<String> {
-        match fs::read_to_string(&self.path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(String::new()),
-            text => text,
-        }
+        self.read().map(|(text, _)| text)
+    }
+
+    /// Returns the text, and the fault that the file has another encoding than UTF-8. Keeping the text mends that.
+    pub fn read(&self) -> io::Result<(String, Option<Fault>)> {
+        let file = match fs::read(&self.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            file => file?,
+        };
+        Ok(match utf8(file.clone()) {
+            Ok(text) => (text.trim_start_matches('\u{feff}').to_owned(), None),
+            Err(WrongEncoding { line, sentence }) => {
+                let fault = Fault { line: u32::try_from(line).ok(), key: None, text: sentence.to_owned() };
+                (decoded(&file), Some(fault))
+            }
+        })
     }
 
     /// Replaces the file by this text, and stores the text as a version, so that it can be restored after somebody has damaged
@@ -104,8 +117,8 @@ impl SettingsFile {
     pub fn keep(&self, text: &str) -> io::Result<()> {
         // Where the file is a link, its target is replaced.
         let path = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
-        let former = self.text()?;
-        if text == former {
+        let (former, fault) = self.read()?;
+        if text == former && fault.is_none() {
             return Ok(());
         }
         let mode = fs::metadata(&path).map_or(0o644, |file| Permissions::mode(&file.permissions()) & 0o777);
@@ -175,6 +188,18 @@ impl SettingsFile {
         let version = self.versions()?.into_iter().find(|version| version.time_us.to_string() == id);
         version.map(|version| fs::read_to_string(version.path)).transpose()
     }
+}
+
+/// Returns the text of a file in another encoding than UTF-8, as well as it can be read.
+fn decoded(file: &[u8]) -> String {
+    if !is_utf16(file) {
+        return file.iter().map(|byte| char::from(*byte)).collect();
+    }
+    let is_big = matches!(file, [0xFE, 0xFF, ..] | [0, ..]);
+    let (pairs, _) = file.as_chunks();
+    let units = pairs.iter().map(|pair| if is_big { u16::from_be_bytes(*pair) } else { u16::from_le_bytes(*pair) });
+    let text: String = char::decode_utf16(units).map(|letter| letter.unwrap_or(char::REPLACEMENT_CHARACTER)).collect();
+    text.trim_start_matches('\u{feff}').to_owned()
 }
 
 /// Tells two texts apart, so that nobody overwrites what somebody else has changed meanwhile.
@@ -446,6 +471,33 @@ mod tests {
             json!({"camera.device": "demo", "camera.fps": null, "link.0.channel.1.neutral": null, "adjust": null}),
         );
         assert_eq!(values(&old.unwrap()), values(TEXT));
+    }
+
+    #[test]
+    fn a_file_in_another_encoding_is_read_with_the_fault_and_keeping_its_text_makes_it_utf8() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "# höher\n[camera]\nfps = 20\n";
+        let utf16 = |mark: &str, bytes_of: fn(u16) -> [u8; 2]| -> Vec<u8> {
+            format!("{mark}{text}").encode_utf16().flat_map(bytes_of).collect()
+        };
+        let latin1: Vec<u8> = text.chars().map(|letter| letter as u8).collect();
+        let files = [
+            utf16("\u{feff}", u16::to_le_bytes),
+            utf16("\u{feff}", u16::to_be_bytes),
+            utf16("", u16::to_le_bytes),
+            utf16("", u16::to_be_bytes),
+            latin1,
+        ];
+        for file in files {
+            let settings = SettingsFile::new(folder.path().join("facewire.toml"), folder.path());
+            fs::write(&settings.path, file).unwrap();
+            let (read, fault) = settings.read().unwrap();
+            let fault = fault.unwrap();
+            assert_eq!((&*read, fault.line, fault.text.contains("save ")), (text, Some(1), true), "{fault:?}");
+            settings.keep(text).unwrap();
+            assert_eq!(fs::read_to_string(&settings.path).unwrap(), text);
+            assert_eq!(settings.read().unwrap(), (text.to_owned(), None));
+        }
     }
 
     #[test]

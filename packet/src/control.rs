@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 const SOCKET: &str = "control";
 /// Where the service manager puts the runtime directory of the service.
-const SYSTEM_FOLDER: &str = "/run/facewire";
+pub const SYSTEM_FOLDER: &str = "/run/facewire";
 /// A service that sends no line for this long does not work.
 const PATIENCE: Duration = Duration::from_secs(10);
 

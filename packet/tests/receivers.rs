@@ -75,7 +75,9 @@ fn arguments<'a>(messages: &'a [Value], address: &str, name: Option<&str>) -> &'
 #[test]
 fn python_osc_reads_the_bundles_of_vmc_and_vrchat() {
     let packet = face(&[("jawOpen", 0.5), ("mouthLeft", 0.25)]);
-    let Some(vmc) = messages(|send| Vmc::new(true, true).encode(&packet, 0.0, send)) else { return };
+    let Some(vmc) = messages(|send| Vmc::new(true, true).encode(&packet, std::time::Duration::ZERO, send)) else {
+        return;
+    };
     assert_eq!(arguments(&vmc, "/VMC/Ext/Blend/Val", Some("JawOpen"))[1], 0.5);
     assert_eq!(arguments(&vmc, "/VMC/Ext/Bone/Pos", Some("Head")).len(), 8);
     assert_eq!(arguments(&vmc, "/VMC/Ext/OK", None), [1, 3, 0, 1]);

@@ -388,7 +388,7 @@ impl LinkSettings {
         let mut link = Self::default();
         if let Some(value) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
             let Some(kind) = value.get_ref().as_str().and_then(LinkKind::named) else {
-                file.refuse(&Entry { path: "link.kind".to_owned(), value }, LinkKind::takes().to_string());
+                file.refuse_value(&Entry { path: "link.kind".to_owned(), value }, &LinkKind::takes(), |_| None);
                 return link;
             };
             link = Self::of(kind);

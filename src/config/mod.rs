@@ -17,6 +17,7 @@ mod value;
 
 use std::path::Path;
 
+use facewire_board::{WrongEncoding, utf8};
 pub use link::*;
 pub use overlay::Faults;
 pub use schema::schema;
@@ -103,8 +104,12 @@ pub fn load(
         let known = board_names().collect::<Vec<_>>().join(", ");
         faults.push(format!("board \"{name}\": not known; give --board one of {known}"));
     }
-    let text = file.map_or_else(|| Ok(String::new()), std::fs::read_to_string).unwrap_or_else(|error| {
+    let read = file.map_or_else(|| Ok(Vec::new()), std::fs::read).unwrap_or_else(|error| {
         faults.push(format!("{source}: cannot be read ({error}); give --config a readable file"));
+        Vec::new()
+    });
+    let text = utf8(read).unwrap_or_else(|WrongEncoding { line, sentence }| {
+        faults.push(format!("{source}:{line}: {sentence}"));
         String::new()
     });
     lay(&source, &text, fixed, detected, faults, check)
@@ -139,8 +144,7 @@ fn lay(
     let named = value.map_or(Some(AUTO), |value| value.get_ref().as_str()).and_then(|name| find_board(name, detected));
     // A board that the file names must be known, even if another one is fixed.
     if let (Some(value), None) = (value, named) {
-        let expected = Takes::OneOf(board_names().collect()).to_string();
-        file.refuse(&Entry { path: "board".to_owned(), value }, expected);
+        file.refuse_value(&Entry { path: "board".to_owned(), value }, &Takes::OneOf(board_names().collect()), |_| None);
     }
     if let Some((name, text)) = fixed.or(named) {
         settings.board = name;

@@ -77,6 +77,9 @@ pub trait Reader<T> {
     fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>);
 }
 
+/// Returns what to give in place of a text, if there is something better than what the setting takes.
+pub type Objection = fn(&str) -> Option<&'static str>;
+
 /// A key of a section, what it takes, and what reads its value.
 pub struct Field<'a> {
     pub key: &'static str,
@@ -188,6 +191,17 @@ impl<'a> Overlay<'a> {
         }
     }
 
+    /// Adds the fault that the value of this entry is not what the setting takes, with the choice that may be meant.
+    pub fn refuse_value(&mut self, entry: &Entry<'_>, takes: &Takes, objection: Objection) {
+        let text = entry.value.get_ref().as_str().unwrap_or_default();
+        let expected = match (objection(text), takes) {
+            (Some(better), _) => better.to_owned(),
+            (None, Takes::OneOf(names)) => takes.to_string() + &suggestion(&text.to_ascii_lowercase(), names),
+            (None, takes) => takes.to_string(),
+        };
+        self.refuse(entry, expected);
+    }
+
     /// Adds the fault that the value of this entry is not what is expected.
     pub fn refuse(&mut self, Entry { path, value }: &Entry<'_>, expected: String) {
         let written = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
@@ -211,10 +225,14 @@ fn printable(text: &str) -> String {
 
 /// Returns the end of a sentence that names the known name most similar to `key`, or all known names if none is similar.
 fn hint(key: &str, known: &[&str]) -> String {
+    let suggestion = suggestion(key, known);
+    if suggestion.is_empty() { format!("; there are {}", known.join(", ")) } else { suggestion }
+}
+
+/// Returns the end of a sentence that names the known name most similar to `key`, or nothing if none is similar.
+fn suggestion(key: &str, known: &[&str]) -> String {
     let similarity = |name: &&str| strsim::jaro_winkler(key, name);
     let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
-    match nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY) {
-        Some(name) => format!("; did you mean {name}?"),
-        None => format!("; there are {}", known.join(", ")),
-    }
+    let nearest = nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY);
+    nearest.map(|name| format!("; did you mean {name}?")).unwrap_or_default()
 }

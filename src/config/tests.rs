@@ -167,6 +167,10 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[[link]]\nadjust = { mirror = 3 }", "link.adjust.mirror = 3: give true or false"),
         ("device = \"tty\"", "link.device is not a setting of a link with kind = \"udp\"; that has kind, address, "),
         ("[[link]]\nkind = \"maestro\"\n[[link.channel]]\nspeed = 1", "link.channel.speed is not a setting; did"),
+        (
+            "[log]\nlevel = \"Warning\"",
+            "log.level = \"Warning\": give one of \"error\", \"warn\", \"info\", \"debug\", \"trace\"; did you mean warn?",
+        ),
         ("[[link]]\nkind = \"seriell\"", "link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", "),
         ("[metrics]\nlisten = \"tab\té\"", "metrics.listen = \"tab\\té\": give \"\", a loopback address"),
     ];
@@ -230,6 +234,76 @@ fn texts_are_taken_or_refused_with_what_to_give() {
         for bad in bad.split('|') {
             assert!(faults(bad).contains(&format!(" = \"{bad}\": give {expected}")), "{key} {bad}: {}", faults(bad));
         }
+    }
+}
+
+#[test]
+fn a_file_may_have_a_byte_order_mark_and_one_in_another_encoding_is_refused_with_its_line() {
+    let toml = "[camera]\nfps = 20\n# höher\n";
+    let loaded = |bytes: &[u8]| {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        let outcome = load(None, "generic", Some(file.path()), |_, _| {}).map(|settings| settings.camera.fps);
+        outcome.map_err(|faults| faults.to_string().replace(file.path().to_str().unwrap(), "file"))
+    };
+    let marked = format!("\u{feff}{toml}");
+    assert_eq!(loaded(marked.as_bytes()), Ok(20));
+    assert_eq!(parse("file", &marked).unwrap().camera.fps, 20, "a text that was kept");
+    let utf16: Vec<u8> = marked.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for file in [&utf16[..], &utf16[2..]] {
+        assert!(loaded(file).unwrap_err().starts_with("file:1: the file is in UTF-16"), "{:?}", loaded(file));
+    }
+    let latin1: Vec<u8> = toml.chars().map(|letter| letter as u8).collect();
+    assert_eq!(loaded(&latin1), Err("file:3: this line is not in UTF-8; save the file as UTF-8".to_owned()));
+}
+
+#[test]
+fn a_choice_that_is_spelt_differently_is_refused_with_the_one_that_may_be_meant() {
+    let meant = [("live_link", "live-link"), ("LiveLink", "live-link"), ("livelink", "live-link"), ("UDP", "udp")];
+    let meant = meant.into_iter().chain([("art-net", "artnet"), ("sACN", "sacn"), ("iFacialMocap", "ifacialmocap")]);
+    for (written, kind) in meant {
+        let faults = faults(&format!("[[link]]\nkind = \"{written}\"\n"));
+        assert!(faults.ends_with(&format!("; did you mean {kind}?")) && !faults.contains('\n'), "{faults}");
+    }
+    assert!(!faults("[[link]]\nkind = \"quic\"\n").contains("did you mean"));
+    assert!(faults("board = \"pi_4\"\n").ends_with("; did you mean pi4?"), "{}", faults("board = \"pi_4\"\n"));
+}
+
+#[test]
+fn an_address_that_is_not_what_it_seems_is_refused_with_what_to_give() {
+    let numbers = "four decimal numbers from 0 to 255 without leading zeros";
+    let brackets = "an IPv6 address in brackets";
+    let cases = [
+        (
+            "127.0.0.010:1|010.0.0.1:1|127.1:1|2130706433:1|0x7f.0.0.1:1|0X7F000001:1|1.2.3.256:1|1.2.3.4.:1|1.2.3:1",
+            numbers,
+        ),
+        ("*:1|*.local:1", "in place of the star: 0.0.0.0 to listen"),
+        (" head:1|head:1 |he ad:1|head :1|head:\\t1|\u{a0}head:1", "without blanks"),
+        ("::1:1|fe80::1:1|[fe80::1%]:1|[head]:1|[127.0.0.1]:1|[]:1", brackets),
+        ("udp://head:1|head/:1|a@b:1|head]:1", "a name has letters, digits and - _ . only"),
+    ];
+    for (bad, expected) in cases {
+        for bad in bad.split('|') {
+            let keys =
+                [("kind = \"udp\"\naddress", ""), ("kind = \"sacn\"\naddress", ""), ("kind = \"json\"\nto", "udp:")];
+            for (key, prefix) in keys {
+                let faults = faults(&format!("[[link]]\n{key} = \"{prefix}{bad}\"\n"));
+                assert!(faults.contains(expected) && !faults.contains('\n'), "{bad}: {faults}");
+            }
+        }
+    }
+    for bad in ["127.0.0.010:49983", "*:49983", " 0.0.0.0:49983"] {
+        let faults = faults(&format!("[[link]]\nkind = \"ifacialmocap\"\nlisten = \"{bad}\"\n"));
+        assert!(
+            ["without leading zeros", "the star", "without blanks"].iter().any(|it| faults.contains(it)),
+            "{faults}"
+        );
+    }
+    for good in
+        ["127.0.0.10:1", "head7:1", "7.head.local:1", "0xhead:1", "[fe80::1%eth0]:1", "[ff02::1%2]:1", "höhle.local:1"]
+    {
+        assert_eq!(faults(&format!("[[link]]\naddress = \"{good}\"\n")), "");
     }
 }
 

@@ -1,12 +1,13 @@
 //! The types of values, and their readers.
 
-use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::{fmt, ops::RangeInclusive, path::PathBuf};
 
 use facewire_face::Rotation;
 use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
 
-use super::overlay::{Entry, Overlay, Reader, Section};
+use super::overlay::{Entry, Objection, Overlay, Reader, Section};
 use super::takes::Takes;
 
 pub trait Choice: Copy + PartialEq + 'static {
@@ -54,6 +55,13 @@ impl<T: Section> Reader<T> for Table {
 struct Value<F> {
     takes: Takes,
     read: F,
+    objection: Objection,
+}
+
+impl<F> Value<F> {
+    fn new(takes: Takes, read: F) -> Self {
+        Self { takes, read, objection: |_| None }
+    }
 }
 
 impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
@@ -64,7 +72,7 @@ impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
     fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         match (self.read)(entry.value.get_ref()) {
             Some(value) => *setting = value,
-            None => file.refuse(entry, self.takes.to_string()),
+            None => file.refuse_value(entry, &self.takes, self.objection),
         }
     }
 }
@@ -72,7 +80,7 @@ impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
 pub fn choice<T: Choice>() -> impl Reader<T> {
     let named = |text: &str| T::ALL.iter().find(|(name, _)| *name == text).map(|(_, value)| *value);
     let takes = Takes::OneOf(T::ALL.iter().map(|(name, _)| *name).collect());
-    Value { takes, read: move |value: &DeValue<'_>| named(value.as_str()?) }
+    Value::new(takes, move |value: &DeValue<'_>| named(value.as_str()?))
 }
 
 pub fn quoted(text: &str) -> String {
@@ -90,7 +98,7 @@ pub fn whole<T: TryFrom<i64> + Into<i64> + Copy + PartialOrd>(
         let number = T::try_from(i64::from_str_radix(integer.as_str(), integer.radix()).ok()?).ok()?;
         range.contains(&number).then_some(number)
     };
-    Value { takes, read }
+    Value::new(takes, read)
 }
 
 pub fn number(range: RangeInclusive<f32>, unit: &'static str) -> impl Reader<f32> {
@@ -103,7 +111,7 @@ pub fn number(range: RangeInclusive<f32>, unit: &'static str) -> impl Reader<f32
         };
         range.contains(&number).then_some(number)
     };
-    Value { takes, read }
+    Value::new(takes, read)
 }
 
 /// Reads the angle of a turn in degrees.
@@ -112,22 +120,28 @@ pub fn rotation() -> impl Reader<Rotation> {
         let text = value.as_integer()?.as_str();
         Rotation::ALL.into_iter().find(|rotation| rotation.degrees().to_string() == text)
     };
-    Value { takes: Takes::OneOfNumbers(Rotation::ALL.map(Rotation::degrees)), read }
+    Value::new(Takes::OneOfNumbers(Rotation::ALL.map(Rotation::degrees)), read)
 }
 
 pub fn flag() -> impl Reader<bool> {
-    Value { takes: Takes::Flag, read: |value: &DeValue<'_>| value.as_bool() }
+    Value::new(Takes::Flag, |value: &DeValue<'_>| value.as_bool())
 }
 
 /// Reads a text from which `parse` makes a value.
 fn parsed<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
-    Value { takes: Takes::Text(expected.into()), read: move |value: &DeValue<'_>| parse(value.as_str()?) }
+    Value::new(Takes::Text(expected.into()), move |value: &DeValue<'_>| parse(value.as_str()?))
 }
 
-/// As [`parsed`], or an empty text for nothing.
+/// As [`parsed`], for a text with an address in it.
+fn parsed_address<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
+    let read = move |value: &DeValue<'_>| parse(value.as_str()?);
+    Value { takes: Takes::Text(expected.into()), read, objection: objection_to_address }
+}
+
+/// As [`parsed_address`], or an empty text for nothing.
 fn optional<T>(expected: &str, parse: impl Fn(&str) -> Option<T>) -> impl Reader<Option<T>> {
     let read = move |text: &str| if text.is_empty() { Some(None) } else { parse(text).map(Some) };
-    parsed(format!("\"\", or {expected}"), read)
+    parsed_address(format!("\"\", or {expected}"), read)
 }
 
 /// Which texts a setting takes: their description, and whether a text is one of them.
@@ -197,22 +211,33 @@ pub fn serial_device() -> impl Reader<SerialDevice> {
     })
 }
 
-/// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets.
+/// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets, and may
+/// name the interface that leads there, as in `[fe80::1%eth0]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address(String);
 
 impl Address {
     /// Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
     pub fn new(text: &str) -> Option<Self> {
-        let (host, port) = text.rsplit_once(':')?;
-        let is_bracketed = host.starts_with('[') && host.ends_with(']');
-        let is_host = !host.is_empty() && (is_bracketed || !host.contains(':'));
-        let is_port = port.parse::<u16>().is_ok_and(|port| port != 0);
-        (is_host && is_port).then(|| Self(text.to_owned()))
+        let address = Self(text.to_owned());
+        let (host, port) = address.parts()?;
+        (!host.is_empty() && port != 0 && objection_to_address(text).is_none()).then_some(address)
     }
 
     pub(super) fn local(port: u16) -> Self {
         Self(format!("127.0.0.1:{port}"))
+    }
+
+    /// The host without its brackets, and the port.
+    pub fn parts(&self) -> Option<(&str, u16)> {
+        let (host, port) = self.0.rsplit_once(':')?;
+        let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+        Some((bracketed.unwrap_or(host), port.parse().ok()?))
+    }
+
+    /// The interface that leads to an IPv6 address, if it is named.
+    pub fn interface(&self) -> Option<&str> {
+        self.parts()?.0.split_once('%').map(|(_, interface)| interface)
     }
 
     pub fn as_str(&self) -> &str {
@@ -226,6 +251,45 @@ impl fmt::Display for Address {
     }
 }
 
+/// Returns what to give in place of an address that cannot be meant as it is written.
+fn objection_to_address(text: &str) -> Option<&'static str> {
+    // `getaddrinfo` takes numbers of fewer parts, of base 8 and of base 16 for addresses, which nobody means.
+    let is_number = |part: &[u8]| match part {
+        [b'0', b'x' | b'X', digits @ ..] => digits.iter().all(u8::is_ascii_hexdigit),
+        digits => digits.iter().all(u8::is_ascii_digit),
+    };
+    let is_v6 = |host: &str| {
+        let (address, interface) = host.split_once('%').unwrap_or((host, "eth0"));
+        address.parse::<Ipv6Addr>().is_ok() && !interface.is_empty()
+    };
+    let is_of_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte) || !byte.is_ascii();
+    let has = |text: &str, byte: u8| text.as_bytes().contains(&byte);
+    let text = text.strip_prefix("udp:").unwrap_or(text);
+    let (host, _) = text.rsplit_once(':').filter(|_| !text.starts_with("unix:"))?;
+    let v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+    if text.chars().any(char::is_whitespace) {
+        Some("\"host:port\" without blanks")
+    } else if has(host, b'*') {
+        Some(
+            "a host in place of the star: 0.0.0.0 to listen at all addresses of this machine, or 255.255.255.255 to send to all \
+             machines of a network",
+        )
+    } else if let Some(v6) = v6 {
+        (!is_v6(v6)).then_some(V6)
+    } else if has(host, b':') && !has(host, b'/') {
+        Some(V6)
+    } else if host.as_bytes().split(|byte| *byte == b'.').all(is_number) {
+        let expected = "\"host:port\" with a name, or with an IPv4 address of four decimal numbers from 0 to 255 without leading \
+                        zeros, such as \"127.0.0.10:5252\"";
+        (!host.is_empty() && host.parse::<Ipv4Addr>().is_err()).then_some(expected)
+    } else {
+        (!host.bytes().all(is_of_name)).then_some("\"host:port\": a name has letters, digits and - _ . only")
+    }
+}
+
+const V6: &str =
+    "\"host:port\" with an IPv6 address in brackets, such as \"[2001:db8::1]:5252\" or \"[fe80::1%eth0]:5252\"";
+
 /// Reads the address to send from, which cannot be a multicast group. The port may be 0.
 pub fn local_address() -> impl Reader<Option<SocketAddr>> {
     optional("an address of this machine in numbers and a port, or 0 for any, such as \"192.168.1.5:0\"", |text| {
@@ -236,7 +300,7 @@ pub fn local_address() -> impl Reader<Option<SocketAddr>> {
 const ADDRESS: &str = "\"host:port\" with a port from 1 to 65535";
 
 pub fn address() -> impl Reader<Address> {
-    parsed(ADDRESS, Address::new)
+    parsed_address(ADDRESS, Address::new)
 }
 
 pub fn optional_address() -> impl Reader<Option<Address>> {
@@ -264,7 +328,7 @@ impl fmt::Display for Listen {
 pub fn listen() -> impl Reader<Listen> {
     let expected = "\"\", a loopback address and port such as \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path \
                     that begins with /";
-    parsed(expected, |text| match text.strip_prefix("unix:") {
+    parsed_address(expected, |text| match text.strip_prefix("unix:") {
         Some(path) => absolute(path).map(Listen::Unix),
         None if text.is_empty() => Some(Listen::Off),
         None => {
@@ -284,7 +348,7 @@ pub enum JsonTarget {
 pub fn json_target() -> impl Reader<JsonTarget> {
     let expected =
         "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /";
-    parsed(expected, |text| match text.split_once(':') {
+    parsed_address(expected, |text| match text.split_once(':') {
         None => (text == "stdout").then_some(JsonTarget::Stdout),
         Some(("udp", address)) => Address::new(address).map(JsonTarget::Udp),
         Some(("unix", path)) => absolute(path).map(JsonTarget::Unix),

@@ -2,7 +2,7 @@
 //!
 //! [`Background::send`] hands the message to the device's own thread through a triple buffer, where the
 //! newest message wins, so it never waits. A device that is missing or disappears is opened again, after 100 ms at first
-//! and at most 1 s later. A device that the link of a former configuration still has is waited for in silence.
+//! and at most 1 s later; the waits begin at 100 ms again once it has worked for a second. A device that the link of a former configuration still has is waited for in silence.
 
 use std::fmt::Display;
 use std::sync::Arc;
@@ -34,6 +34,9 @@ pub(super) trait Device: Send + 'static {
     type Open;
 
     fn open(&mut self) -> Result<Self::Open, LinkError>;
+
+    /// Logs that the device is open, and begins to log anew. A device that opens and fails, again and again, does so once.
+    fn log_opened(&mut self, _open: &Self::Open) {}
 
     /// Writes the message. Returns whether the device took it.
     fn write(&mut self, open: &mut Self::Open, message: &[u8]) -> Result<bool, LinkError>;
@@ -158,7 +161,7 @@ fn run(device: &mut impl Device, newest: &mut Newest<Message>, shared: &Shared, 
     let handover_end = Instant::now() + handover;
     let mut retry = Retry::default();
     while !shared.stop.load(Acquire) {
-        let ended = session(device, newest, shared, &mut retry);
+        let ended = session(device, newest, shared, &mut retry, &Instant::now);
         shared.open.store(false, Relaxed);
         shared.panel.dials.note_released(false);
         let mut is_handover = false;
@@ -191,20 +194,29 @@ fn sleep_unless_stopped(shared: &Shared, time: Duration) {
     }
 }
 
-/// Runs from opening the device to the first error, or to the end. `retry` starts anew with each message that is written.
+/// Runs from opening the device to the first error, or to the end. `retry` starts anew with each message that is written once
+/// the device has been open for a second.
 fn session(
     device: &mut impl Device,
     newest: &mut Newest<Message>,
     shared: &Shared,
     retry: &mut Retry,
+    now: &dyn Fn() -> Instant,
 ) -> Result<(), LinkError> {
     let opened = device.open();
+    let opened_at = now();
     let mut is_refused = false;
     shared.has_receiver.store(device.has_receiver(), Relaxed);
     let mut open = opened?;
     shared.open.store(true, Relaxed);
     shared.panel.note(None);
+    let mut is_logged = false;
+    let mut is_to_be_logged = !std::mem::replace(&mut retry.has_logged_success, true);
     loop {
+        if is_to_be_logged && !is_logged {
+            device.log_opened(&open);
+            is_logged = true;
+        }
         // Read before the message, so that a message given before the end is still written.
         let is_stopping = shared.stop.load(Acquire);
         if newest.update() {
@@ -212,7 +224,7 @@ fn session(
             let is_taken = matches!(took, Ok(true));
             is_refused = matches!(took, Ok(false));
             if is_taken {
-                *retry = Retry::default();
+                is_to_be_logged |= retry.succeed(now().saturating_duration_since(opened_at));
             }
             shared.panel.count(is_taken);
             took?;
@@ -234,7 +246,8 @@ fn session(
 
 #[cfg(test)]
 mod tests {
-    use std::sync::mpsc;
+    use std::cell::Cell;
+    use std::sync::{Mutex, mpsc};
 
     use super::*;
     use crate::link::testing::{PATIENCE, counts, eventually};
@@ -337,6 +350,56 @@ mod tests {
         assert_eq!(panel.trouble(), None);
         carrier.send(&[2]);
         assert_eq!(written.recv().unwrap(), [2]);
+    }
+
+    /// A device that takes one message, as late as the test's clock says then, and fails at once.
+    struct Flapping {
+        clock: Arc<Mutex<Instant>>,
+        works_for: Duration,
+        logged: Cell<u32>,
+    }
+
+    impl Device for Flapping {
+        type Open = ();
+
+        fn open(&mut self) -> Result<(), LinkError> {
+            Ok(())
+        }
+
+        fn log_opened(&mut self, (): &()) {
+            self.logged.set(self.logged.get() + 1);
+        }
+
+        fn write(&mut self, (): &mut (), _: &[u8]) -> Result<bool, LinkError> {
+            *self.clock.lock().unwrap() += self.works_for;
+            Ok(true)
+        }
+
+        fn attend(&mut self, (): &mut ()) -> Result<(), LinkError> {
+            Err(LinkError::new(LinkErrorKind::Other, "test", "went away"))
+        }
+    }
+
+    #[test]
+    fn a_device_that_takes_a_message_and_fails_again_and_again_is_opened_ever_more_rarely_until_it_works_for_a_second()
+    {
+        let clock = Arc::new(Mutex::new(Instant::now()));
+        let mut device = Flapping { clock: Arc::clone(&clock), works_for: Duration::ZERO, logged: Cell::new(0) };
+        let (mut newest, mut output) = triple_buffer(&Message::new());
+        let mut retry = Retry::default();
+        // Returns the wait after the failure in milliseconds, whether it is logged, and how many openings have been logged.
+        let mut flap = |works_for_ms| {
+            device.works_for = Duration::from_millis(works_for_ms);
+            newest.write(Message::new());
+            let now = || *clock.lock().unwrap();
+            let error = session(&mut device, &mut output, &Shared::default(), &mut retry, &now).unwrap_err();
+            let is_logged = retry.logged.is_new(&error.message);
+            (retry.back_off.wait().as_millis(), is_logged, device.logged.get())
+        };
+        assert_eq!(flap(0), (100, true, 1));
+        assert_eq!([0, 999, 0, 0].map(&mut flap), [200, 400, 800, 1000].map(|wait_ms| (wait_ms, false, 1)));
+        assert_eq!(flap(1000), (100, true, 2), "that it works is logged late, because it seemed to go on failing");
+        assert_eq!([0, 0].map(&mut flap), [(200, false, 3), (400, false, 3)]);
     }
 
     #[test]

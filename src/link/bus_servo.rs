@@ -16,7 +16,7 @@ use facewire_servo::bus::Line;
 use serialport::{SerialPort as _, TTYPort};
 
 use super::background::Device;
-use super::serial::{PortClaim, PortSearch, in_time, lost, open_link};
+use super::serial::{PortClaim, PortSearch, in_time, log_rate, lost, open_at_rate};
 use super::{LinkError, Panel};
 use crate::config::BusServoSettings;
 use crate::retry::LoggedReasons;
@@ -28,16 +28,24 @@ const STEP: Duration = Duration::from_millis(20);
 const STEPS_TO_REST: usize = 50;
 
 pub struct Servos {
-    pub settings: BusServoSettings,
-    pub panel: Arc<Panel>,
+    settings: BusServoSettings,
+    panel: Arc<Panel>,
+    logged: LoggedReasons,
+}
+
+impl Servos {
+    pub fn new(settings: &BusServoSettings, panel: Arc<Panel>) -> Self {
+        Self { settings: settings.clone(), panel, logged: LoggedReasons::default() }
+    }
 }
 
 pub struct Port {
     device: PathBuf,
     tty: TTYPort,
+    /// The rate that the driver makes.
+    made_baud: u32,
     line: Line,
     told_troubles: String,
-    logged: LoggedReasons,
     panel: Arc<Panel>,
     _claim: PortClaim,
 }
@@ -49,27 +57,24 @@ impl Device for Servos {
         let BusServoSettings { device, baud, family, unit, channels } = &self.settings;
         let device = PortSearch::new(device, Attached::BusServos).find()?;
         let _claim = PortClaim::acquire(&device)?;
-        let tty = open_link(&device, *baud, WRITE_TIMEOUT)?;
-        if let Some(late) = latency_remedy(&root(), &device) {
-            tracing::warn!("link {}: {late}", device.display());
-        }
+        let (tty, made_baud) = open_at_rate(&device, *baud, WRITE_TIMEOUT)?;
         let line = Line::new(family, *unit, *baud, channels, &self.panel.dials);
-        Ok(Port {
-            device,
-            tty,
-            line,
-            told_troubles: String::new(),
-            logged: LoggedReasons::default(),
-            panel: Arc::clone(&self.panel),
-            _claim,
-        })
+        Ok(Port { device, tty, made_baud, line, told_troubles: String::new(), panel: Arc::clone(&self.panel), _claim })
+    }
+
+    fn log_opened(&mut self, port: &Port) {
+        self.logged = LoggedReasons::default();
+        log_rate(&port.device, self.settings.baud, port.made_baud);
+        if let Some(late) = latency_remedy(&root(), &port.device) {
+            tracing::warn!("link {}: {late}", port.device.display());
+        }
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
         let Ok(packet) = Packet::decode(message) else { return Ok(false) };
         // Closing the port brings the servos to rest, so the reason "stopping" is not passed on.
         let is_made = port.step(&Packet { reason: Reason::None, ..packet });
-        port.tell();
+        port.tell(&mut self.logged);
         is_made.map_err(|error| lost(&port.device, error))
     }
 
@@ -92,14 +97,14 @@ impl Port {
         Ok(is_made && in_time(self.tty.write(&message))? == Some(message.len()))
     }
 
-    fn tell(&mut self) {
+    fn tell(&mut self, logged: &mut LoggedReasons) {
         let troubles = self.line.troubles();
         if troubles == self.told_troubles {
             return;
         }
         self.panel.note(Some(troubles.as_str()).filter(|troubles| !troubles.is_empty()));
         for trouble in troubles.lines() {
-            if !self.told_troubles.contains(trouble) && self.logged.is_new(trouble) {
+            if !self.told_troubles.contains(trouble) && logged.is_new(trouble) {
                 tracing::warn!("link {}: {trouble}", self.device.display());
             }
         }

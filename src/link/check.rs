@@ -248,10 +248,16 @@ fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
     one.port() == other.port() && (one.ip() == other.ip() || covers(one, other) || covers(other, one))
 }
 
-/// Says where a sum can leave its range and is limited, and which names not every receiver reads. Both may be meant.
+/// Says where a sum can leave its range and is limited, which names not every receiver reads, and which receiver gets the same
+/// twice. All may be meant.
 pub fn notes(settings: &Settings) -> Vec<String> {
     let mut notes = notes_of_adjustments("adjust", &settings.adjust);
-    for link in &settings.links {
+    for (index, link) in settings.links.iter().enumerate() {
+        if settings.links.iter().take(index).any(|earlier| earlier.kind == link.kind) {
+            notes.push(format!(
+                "{link}: an earlier link sends the same there; remove one, because faces of two links mix"
+            ));
+        }
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
         if let LinkKind::LiveLink(it) = &link.kind {
             notes.extend(LiveLink::note_of_names(&it.device_id, &it.subject).map(|note| format!("{link}: {note}")));
@@ -424,6 +430,18 @@ mod tests {
             &format!("channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 {limited}"),
         ];
         assert_eq!(noted(&["[adjust]\njawLeft = { offset = -0.5 }\n", MAESTRO, adjust, JAW, "offset = 0.25\n"]), want);
+        let to = |kind: &str, keys: &str| format!("[[link]]\nkind = \"{kind}\"\n{keys}\n");
+        for (one, other, is_doubled) in [
+            (to("udp", ""), to("udp", "pace = \"rate\""), true),
+            (to("udp", ""), to("udp", "address = \"127.0.0.1:5253\""), false),
+            (to("udp", "address = \"pc:9000\""), to("vmc", "address = \"pc:9000\""), false),
+            (to("live-link", "subject = \"left__\""), to("live-link", "subject = \"right_\""), false),
+            (to("json", ""), to("json", ""), true),
+        ] {
+            let notes = noted(&[&one, &other]);
+            let want = "an earlier link sends the same there; remove one";
+            assert_eq!(notes.iter().any(|note| note.contains(want)), is_doubled, "{one}{other}{notes:?}");
+        }
         let live_link = "[[link]]\nkind = \"live-link\"\n";
         assert!(noted(&[live_link]).is_empty(), "its datagrams have 312 bytes");
         let notes = noted(&[live_link, "subject = \"facewire\"\n"]).concat();

@@ -2,7 +2,6 @@
 
 use std::{sync::Arc, time::Instant};
 
-use facewire_packet::formats::dmx::cid;
 use facewire_packet::formats::vrchat::{self, Group, Parameter};
 use facewire_packet::formats::{Dmx, IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
 use facewire_packet::{Packet, Reason, State};
@@ -10,6 +9,8 @@ use facewire_servo::maestro::COMMAND_BYTES;
 use facewire_servo::{Board, Dials, dmx::Values};
 
 use super::Output;
+use super::discovery::cid_of;
+use crate::clock::LocalTime;
 use crate::config::{LinkKind, VrchatSettings};
 
 /// Encodes a packet in memory that was taken when the link was opened, and calls the last argument once for each message.
@@ -27,13 +28,12 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
         LinkKind::Serial(_) => Box::new(|packet, _, send| send(&packet.encode_frame())),
         LinkKind::LiveLink(it) => {
             let mut format = LiveLink::new(&it.device_id, &it.subject, it.swap_mouth);
-            Box::new(move |packet, output, send| {
-                format.encode(packet, output.capture_us.wrapping_add(output.age_us), send);
-            })
+            let mut time = LocalTime::of_this_machine();
+            Box::new(move |packet, _, send| format.encode(packet, time.now_us(), send))
         }
         LinkKind::Vmc(it) => {
             let mut format = Vmc::new(it.bones, it.bundles);
-            Box::new(move |packet, _, send| format.encode(packet, begun.elapsed().as_secs_f32(), send))
+            Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
         LinkKind::Vrchat(it) => {
             let mut format = Vrchat::new(&it.prefix, it.native_eyes, |parameter| form_of(parameter, it));
@@ -52,9 +52,7 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
             })
         }
         LinkKind::Sacn(it) => {
-            // The hash of the identifier does not give it away.
-            let cid = cid(&[&facewire_board::machine_id(), &it.source]);
-            let format = Dmx::sacn(cid, &it.source, it.priority as u8, it.universe as u16);
+            let format = Dmx::sacn(cid_of(it), &it.source, it.priority as u8, it.universe as u16);
             dmx(format, Values::new(&it.channels, it.whole_face, it.stop, dials), begun)
         }
         LinkKind::ArtNet(it) => {
@@ -140,10 +138,20 @@ mod tests {
         let line = |output: &Output| String::from_utf8(encoded(&kind("json", ""), output)).unwrap();
         assert!(line(&output).contains("\"age_ms\":1099511627.776,\"capture_us\":2199023255552,"));
         assert!(line(&Output { age_us: u64::MAX, ..output.clone() }).contains("\"age_ms\":null,"));
-        // 3 * 2^40 us, in frames of 60 a second, as a number of 31 bits.
-        let frame = (3_u64 << 40) * 60 / 1_000_000;
-        let datagram = encoded(&kind("live-link", "subject = \"face\"\n"), &output);
-        assert_eq!(datagram[49..53], u32::try_from(frame).unwrap().to_be_bytes());
+    }
+
+    #[test]
+    fn by_live_link_every_face_has_the_time_of_day_also_before_the_first_pose() {
+        let mut time = LocalTime::of_this_machine();
+        let mut frame_of_day = || time.now_us() % 86_400_000_000 * 60 / 1_000_000;
+        for output in [Output::NEUTRAL, test_output(State::Live)] {
+            let before = frame_of_day();
+            let datagram = encoded(&kind("live-link", "subject = \"face\"\n"), &output);
+            let after = frame_of_day();
+            let frame = u32::from_be_bytes(datagram[49..53].try_into().unwrap()).into();
+            // The day may end meanwhile.
+            assert!((before..=after).contains(&frame) || after < before, "{before} {frame} {after}");
+        }
     }
 
     #[test]

@@ -126,7 +126,8 @@ impl Server {
         }
     }
 
-    /// Gives a receiver that asks at `now` a place, if one is free or the oldest request is not recent.
+    /// Gives a receiver that asks at `now` a place, if one is free or somebody has not asked recently. The one who has asked first
+    /// makes room, but before that one, whoever has not been reached for as long.
     fn admit(&mut self, mut address: SocketAddr, version: u32, now: Instant) {
         if self.reply_port != 0 {
             address.set_port(self.reply_port);
@@ -138,12 +139,12 @@ impl Server {
             return;
         }
         let is_full = self.subscribers.len() == MOST_SUBSCRIBERS;
-        let oldest = self.subscribers.iter().enumerate().min_by_key(|(_, it)| (it.is_reached(now), it.asked));
-        let oldest = oldest.filter(|_| is_full);
-        if oldest.is_some_and(|(_, oldest)| now.saturating_duration_since(oldest.asked) <= RECENT) {
+        let old = self.subscribers.iter().enumerate();
+        let old = old.filter(|(_, it)| is_full && now.saturating_duration_since(it.asked) > RECENT);
+        let replaced = old.min_by_key(|(_, it)| (it.is_reached(now), it.asked)).map(|(index, _)| index);
+        if is_full && replaced.is_none() {
             return;
         }
-        let replaced = oldest.map(|(index, _)| index);
         // A receiver that this machine cannot reach gets no place.
         let Ok(socket) = connected(address) else { return };
         self.log(now, format_args!("{address} asks for the face and gets it"));
@@ -202,7 +203,6 @@ impl Server {
 
 #[cfg(test)]
 mod tests {
-    use std::fs::{self, File};
     use std::net::Ipv4Addr;
     use std::sync::Arc;
     use std::sync::atomic::Ordering::Relaxed;
@@ -211,7 +211,7 @@ mod tests {
 
     use super::*;
     use crate::config::LinkSettings;
-    use crate::link::testing::{eventually, face, kind};
+    use crate::link::testing::{eventually, face, kind, logged};
     use crate::link::{Link, Traffic};
 
     const FACE: &[u8] = b"jawOpen&50|=head#-1,0,0,0,0,0|";
@@ -319,24 +319,18 @@ mod tests {
         assert_eq!(served.server.subscribers.len(), 8);
     }
 
-    fn log_lines(work: impl FnOnce()) -> usize {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let writer = Arc::<File>::new(file.reopen().unwrap());
-        tracing::subscriber::with_default(tracing_subscriber::fmt().with_writer(writer).finish(), work);
-        fs::read_to_string(file.path()).unwrap().lines().count()
-    }
-
     #[test]
     fn neither_a_fickle_receiver_nor_forged_addresses_fill_the_log() {
         let mut server = Server::new(port(0), 0);
         let begun = Instant::now();
-        assert_eq!(log_lines(|| (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
+        let lines = |work: &mut dyn FnMut()| logged(work).lines().count();
+        assert_eq!(lines(&mut || (0..10_000).for_each(|round| server.admit(port(1), 1 + round % 2, begun))), 1);
         // Each round comes when the places of the round before may be taken. All fall into one period.
         let round = |number: u16| begun + u32::from(number / 100) * Duration::from_secs(61);
-        let forge = || (100..1000).for_each(|number| server.admit(port(number), 1, round(number)));
-        assert_eq!(log_lines(forge), 19);
+        let mut forge = || (100..1000).for_each(|number| server.admit(port(number), 1, round(number)));
+        assert_eq!(lines(&mut forge), 19);
         let later = begun + Duration::from_mins(11);
-        assert_eq!(log_lines(|| server.admit(port(9999), 1, later)), 1, "a new period");
+        assert_eq!(lines(&mut || server.admit(port(9999), 1, later)), 1, "a new period");
     }
 
     #[test]
@@ -352,6 +346,62 @@ mod tests {
         assert_eq!(ports(&server), [1, 2, 3, 4, 5, 6, 7, 8]);
         server.admit(port(30), 1, later);
         assert_eq!(ports(&server), [1, 3, 4, 5, 6, 7, 8, 30]);
+    }
+
+    #[test]
+    fn among_those_who_asked_long_ago_one_whom_nothing_reaches_loses_its_place_before_the_oldest() {
+        let mut server = Server::new(port(0), 0);
+        let begun = Instant::now();
+        (1..=8).for_each(|number| server.admit(port(number), 1, begun + Duration::from_secs(number.into())));
+        let later = begun + Duration::from_secs(100);
+        let sent_at = |server: &mut Server, number: u16, sent: Instant| {
+            server.subscribers.iter_mut().filter(|it| it.address.port() == number).for_each(|it| it.sent = sent);
+        };
+        (1..=8).for_each(|number| sent_at(&mut server, number, later));
+        let unreached = later.checked_sub(Duration::from_secs(61)).unwrap();
+        [5, 3].into_iter().for_each(|number| sent_at(&mut server, number, unreached));
+        let ports = |server: &Server| server.subscribers.iter().map(|it| it.address.port()).collect::<Vec<_>>();
+        server.admit(port(30), 1, later);
+        assert_eq!(ports(&server), [1, 2, 4, 5, 6, 7, 8, 30], "of two who are not reached, the one who asked first");
+        server.admit(port(31), 1, later);
+        assert_eq!(ports(&server), [1, 2, 4, 6, 7, 8, 30, 31]);
+        server.admit(port(32), 1, later);
+        assert_eq!(ports(&server), [2, 4, 6, 7, 8, 30, 31, 32], "all are reached: the oldest");
+        sent_at(&mut server, 30, unreached);
+        server.admit(port(33), 1, later);
+        assert_eq!(
+            ports(&server),
+            [4, 6, 7, 8, 30, 31, 32, 33],
+            "one whom nothing reaches, but who has just asked, stays"
+        );
+    }
+
+    /// A socket that has no receiver stands for one whose address this machine has lost: the system refuses to send by it.
+    #[test]
+    fn a_receiver_whose_socket_can_send_no_more_gets_a_new_one_after_a_second_or_as_soon_as_it_asks_then() {
+        let mut served = Served::new();
+        let stays = receiver();
+        let begun = served.now;
+        served.gets(V2, &stays);
+        assert_eq!(served.face_at(&stays), FACE);
+        let lose_address = |served: &mut Served| served.server.subscribers[0].socket = receiver();
+        lose_address(&mut served);
+        let opened = served.server.subscribers[0].opened;
+        let after = |ms| opened + Duration::from_millis(ms);
+        for ms in [0, 500, 999] {
+            served.now = after(ms);
+            assert_eq!(served.face_at(&stays), b"", "{ms}");
+            assert_eq!(served.server.subscribers.len(), 1, "only a refusal of its machine drops a receiver");
+        }
+        served.now = after(1000);
+        assert_eq!(served.face_at(&stays), b"", "it is opened again by the face that did not arrive");
+        assert_eq!(served.face_at(&stays), FACE);
+        assert!(served.now > begun);
+        lose_address(&mut served);
+        served.server.admit(stays.local_addr().unwrap(), 2, after(1500));
+        assert_eq!(served.face_at(&stays), b"", "it has a socket of half a second ago");
+        served.server.admit(stays.local_addr().unwrap(), 2, after(2000));
+        assert_eq!(served.face_at(&stays), FACE);
     }
 
     #[test]

@@ -9,6 +9,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use facewire_packet::control::SYSTEM_FOLDER;
+
 use super::background::Device;
 use super::{LinkError, LinkErrorKind};
 use crate::config::Listen;
@@ -39,6 +41,22 @@ impl Device for Stdout {
     }
 }
 
+/// Tests whether a socket can have its file there.
+pub fn check(path: &Path) -> Result<(), LinkError> {
+    let folder = path.parent().unwrap_or(path);
+    if folder.is_dir() {
+        return Ok(());
+    }
+    let is_runtime = folder.as_os_str() == SYSTEM_FOLDER;
+    let (kind, remedy) = if is_runtime {
+        (LinkErrorKind::Waiting, "it is there once the service runs")
+    } else {
+        (LinkErrorKind::Other, "make it, or give another path")
+    };
+    let sentence = format!("there is no folder {}; {remedy}", folder.display());
+    Err(LinkError::new(kind, path.display(), sentence))
+}
+
 pub struct Server {
     path: PathBuf,
     clients: Vec<Client>,
@@ -54,6 +72,7 @@ impl Device for Server {
     type Open = Listener;
 
     fn open(&mut self) -> Result<Listener, LinkError> {
+        check(&self.path)?;
         let listener = Listener::bind(&Listen::Unix(self.path.clone()));
         listener.map_err(|error| LinkError::no_listener(self.path.display(), error))
     }
@@ -110,7 +129,9 @@ impl Client {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
     use std::io::{BufRead as _, BufReader, Read as _};
+    use std::os::unix::fs::PermissionsExt as _;
 
     use super::*;
     use crate::link::testing::PATIENCE;
@@ -145,6 +166,32 @@ mod tests {
         reader.read_line(&mut line).unwrap();
         assert!(line.ends_with('\n'), "{line:?}");
         line.trim().parse().unwrap()
+    }
+
+    #[test]
+    fn a_socket_whose_folder_is_not_there_is_reported_with_the_folder_and_is_there_once_somebody_makes_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("missing");
+        let mut server = Server::new(&missing.join("lines"));
+        let want = format!("there is no folder {}; make it, or give another path", missing.display());
+        let told = server.open().err().unwrap().to_string();
+        assert_eq!(told, format!("link {}: {want}", server.path.display()));
+        std::fs::create_dir(&missing).unwrap();
+        server.open().unwrap();
+    }
+
+    #[test]
+    fn the_group_of_a_runtime_directory_that_is_shared_with_it_may_read_the_lines_and_nobody_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        for (folder_mode, group_may) in [(0o710, true), (0o755, false), (0o700, false)] {
+            std::fs::set_permissions(folder.path(), Permissions::from_mode(folder_mode)).unwrap();
+            let mut server = Server::new(&folder.path().join("lines"));
+            let _listener = server.open().unwrap();
+            let mode = mode(&server.path);
+            // Nobody can connect without the right to write.
+            assert_eq!((mode == 0o660, mode & 0o002), (group_may, 0), "{folder_mode:o} {mode:o}");
+        }
     }
 
     #[test]

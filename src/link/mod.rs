@@ -9,6 +9,7 @@
 mod background;
 mod bus_servo;
 mod check;
+mod discovery;
 mod encoder;
 mod ifacialmocap;
 mod json;
@@ -26,6 +27,7 @@ use facewire_board::{Attached, latency_remedy, root};
 
 pub use self::background::Background;
 pub use self::check::{check_settings, notes};
+pub use self::discovery::{Announcement, announcement};
 pub use self::encoder::packet;
 use self::encoder::{Encoder, encoder_of};
 use self::output::Shown;
@@ -38,7 +40,7 @@ pub use self::release::release_servos;
 use self::serial::PortClaim;
 pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
 pub use self::udp::UdpCarrier;
-use crate::config::{JsonTarget, LinkKind, LinkSettings};
+use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
@@ -58,6 +60,8 @@ pub struct Link {
     pace: Pace,
     /// When an output was encoded last, microseconds.
     encoded_us: u64,
+    /// When a message was sent last, microseconds.
+    sent_us: u64,
     /// Whether an operator had a say in it, and since when that is so, microseconds.
     was_operated: bool,
     was_off: bool,
@@ -74,6 +78,9 @@ const OPERATED_PERIOD_US: u64 = 25_000;
 /// The same while a board has not acknowledged a release, at first: each message asks one bus servo whether it has torque.
 const UNACKNOWLEDGED_PERIOD_US: u64 = 3_000;
 const UNACKNOWLEDGED_US: u64 = 400_000;
+
+/// Longest time between two messages of a stream by DMX that has not ended, microseconds, with some to spare.
+const STREAM_PERIOD_US: u64 = 2_000_000;
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link {message}")]
@@ -132,8 +139,7 @@ impl Link {
         let device = match &settings.kind {
             LinkKind::Serial(_) | LinkKind::Maestro(_) => serial_carrier(&settings.kind, shared())?,
             LinkKind::BusServo(it) => {
-                let servos = bus_servo::Servos { settings: it.clone(), panel: shared() };
-                Some(Background::start(settings, "fw-servos", servos, shared())?)
+                Some(Background::start(settings, "fw-servos", bus_servo::Servos::new(it, shared()), shared())?)
             }
             LinkKind::Pca9685(it) => {
                 Some(Background::start(settings, "fw-i2c", pca9685::Chip::new(it, &panel.dials), shared())?)
@@ -163,6 +169,7 @@ impl Link {
             shown: Shown::default(),
             pace: Pace::default(),
             encoded_us: 0,
+            sent_us: 0,
             was_operated: false,
             was_off: false,
             operated_us: 0,
@@ -176,8 +183,18 @@ impl Link {
     }
 
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
-        if let Some(address) = settings.kind.address() {
-            udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
+        let fixed = if let LinkKind::IFacialMocap(it) = &settings.kind { it.address.clone() } else { None };
+        if let Some(address) = settings.kind.address().or(fixed) {
+            let receiver = udp::check(&address, settings.kind.universe().and_then(|(_, from)| from))?;
+            if address.as_str().parse() != Ok(receiver) {
+                let host = address.parts().map_or("", |(host, _)| host);
+                return Ok(format!("{settings}; {host} is {} at present", receiver.ip()));
+            }
+        } else if let LinkKind::Json(JsonSettings { to: JsonTarget::Unix(path) }) = &settings.kind {
+            match json::check(path) {
+                Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
+                checked => checked?,
+            }
         } else if let LinkKind::Pca9685(board) = &settings.kind {
             pca9685::Bus::open(board)?;
         } else if let Some((device, baud, auto)) = settings.kind.line() {
@@ -232,6 +249,16 @@ impl Link {
         OPERATED_PERIOD_US.max(1_000_000 / u64::from(rate_hz.max(1)))
     }
 
+    /// Sends what consoles list the source of this link by, if that is due and the stream has not ended.
+    pub fn announce(&mut self, announcement: &mut Announcement, now_us: u64) {
+        let goes_on = now_us.saturating_sub(self.sent_us) < STREAM_PERIOD_US;
+        if let Some(udp) = self.udp.as_mut().filter(|udp| goes_on && udp.is_open())
+            && let Some(message) = announcement.due(now_us)
+        {
+            udp.announce(message);
+        }
+    }
+
     /// Sends the output at once, as the last one.
     pub fn send_last(&mut self, settings: &LinkSettings, output: &Output) {
         self.encode(&Shown::adjusted(settings, output));
@@ -243,7 +270,7 @@ impl Link {
     }
 
     fn encode(&mut self, output: &Output) {
-        let Self { encoder, udp, device, panel, .. } = self;
+        let Self { encoder, udp, device, panel, encoded_us, sent_us, .. } = self;
         if udp.is_none() && !device.as_ref().is_some_and(Background::has_receiver) {
             return;
         }
@@ -255,6 +282,7 @@ impl Link {
         let mut is_taken = true;
         encoder(&packet(output, self.sequence), output, &mut |message| {
             panel.traffic.packets.fetch_add(1, Relaxed);
+            *sent_us = *encoded_us;
             if let Some(udp) = udp {
                 is_taken &= udp.send(message);
             }
@@ -303,6 +331,7 @@ impl Link {
 
 #[cfg(test)]
 pub(crate) mod testing {
+    use std::fs::{self, File};
     use std::{thread, time::Instant};
 
     use facewire_packet::{BLENDSHAPES, State};
@@ -324,6 +353,14 @@ pub(crate) mod testing {
             output.pose.coefficients[index] = *value;
         }
         output
+    }
+
+    /// What the work logs.
+    pub fn logged(work: impl FnOnce()) -> String {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let writer = Arc::<File>::new(file.reopen().unwrap());
+        tracing::subscriber::with_default(tracing_subscriber::fmt().with_writer(writer).finish(), work);
+        fs::read_to_string(file.path()).unwrap()
     }
 
     pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {

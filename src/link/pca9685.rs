@@ -101,6 +101,7 @@ impl Registers for Bus {
 pub struct Chip {
     settings: Pca9685Settings,
     servos: Servos,
+    has_external_clock: bool,
     checked_at: Instant,
 }
 
@@ -108,7 +109,7 @@ impl Chip {
     /// The chip may get its power later.
     pub fn new(settings: &Pca9685Settings, dials: &Arc<Dials>) -> Self {
         let servos = Servos::new(settings.period(), Board::new(&settings.channels, dials));
-        Self { settings: settings.clone(), servos, checked_at: Instant::now() }
+        Self { settings: settings.clone(), servos, has_external_clock: false, checked_at: Instant::now() }
     }
 }
 
@@ -117,16 +118,20 @@ impl Device for Chip {
 
     fn open(&mut self) -> Result<Bus, LinkError> {
         let mut bus = Bus::open(&self.settings)?;
-        if bus.has_external_clock()? {
+        self.has_external_clock = bus.has_external_clock()?;
+        self.servos.start(&mut bus)?;
+        Ok(bus)
+    }
+
+    fn log_opened(&mut self, bus: &Bus) {
+        if self.has_external_clock {
             tracing::warn!(
                 "link {}: another program has told the chip to go by a clock at its pin EXTCLK; if nothing is connected \
                  there, it makes no pulses: cut the chip's power for a moment",
                 bus.name
             );
         }
-        self.servos.start(&mut bus)?;
         tracing::info!("link opened: {}", bus.name);
-        Ok(bus)
     }
 
     fn write(&mut self, bus: &mut Bus, message: &[u8]) -> Result<bool, LinkError> {

@@ -114,18 +114,16 @@ impl Drop for PortClaim {
 /// Opens a serial port without claiming it. Reading and writing wait for `timeout` at most. If this restarts the board,
 /// it is restarted again by whoever opens the port next.
 pub fn open_port(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    open(device, baud, timeout).map(|(tty, ..)| tty)
+    open_at_rate(device, baud, timeout).map(|(tty, _)| tty)
 }
 
-/// As [`open_port`], and logs that the port is open.
-pub fn open_link(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    let (tty, made, _) = open(device, baud, timeout)?;
-    log_opened(device, baud, made);
-    Ok(tty)
+/// As [`open_port`], with the rate that the driver makes.
+pub fn open_at_rate(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, u32), LinkError> {
+    open(device, baud, timeout).map(|(tty, made, _)| (tty, made))
 }
 
 /// Logs the rate of a port that was opened, and what to do if that is not the one that it was asked for.
-fn log_opened(device: &Path, baud: u32, made: u32) {
+pub fn log_rate(device: &Path, baud: u32, made: u32) {
     let device = device.display();
     tracing::info!("link opened: {device} at {made} baud");
     if made.abs_diff(baud) > (f64::from(baud) * MOST_RATE_ERROR) as u32 {
@@ -177,7 +175,16 @@ pub fn serial_carrier(kind: &LinkKind, panel: Arc<Panel>) -> Result<Option<Backg
     let is_found = path.is_some();
     let release = maestro.as_ref().map(|it| it.commands().release(&it.channels, it.multiple_targets));
     let search = PortSearch::new(device, auto);
-    let line = Line { search, is_found, baud, maestro, release, first_claim, panel: Arc::clone(&panel) };
+    let line = Line {
+        search,
+        is_found,
+        baud,
+        maestro,
+        release,
+        first_claim,
+        panel: Arc::clone(&panel),
+        logged: LoggedReasons::default(),
+    };
     Background::start(device, "fw-serial", line, panel).map(Some)
 }
 
@@ -191,12 +198,15 @@ struct Line {
     release: Option<Vec<u8>>,
     first_claim: Option<PortClaim>,
     panel: Arc<Panel>,
+    logged: LoggedReasons,
 }
 
 /// An open port. While its board restarts, it gets nothing; then it may be asked, and answers.
 struct Port {
     device: PathBuf,
     tty: TTYPort,
+    /// The rate that the driver makes.
+    made_baud: u32,
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
     dtr: Option<OwnedFd>,
     is_asked: bool,
@@ -214,7 +224,6 @@ struct Port {
     /// The limits for a Maestro, and what was written last: a message, and the limits before it.
     reminder: Option<Reminder>,
     written: Vec<u8>,
-    logged: LoggedReasons,
     /// Released after the port is closed.
     _claim: PortClaim,
 }
@@ -228,14 +237,20 @@ impl Device for Line {
         let device = found?;
         let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
         let (tty, made, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
-        log_opened(&device, self.baud, made);
         let mut port = Port::new(device, tty, dtr, claim);
-        if port.dtr.is_some() {
-            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());
-        } else {
+        port.made_baud = made;
+        if port.dtr.is_none() {
             self.begin(&mut port);
         }
         Ok(port)
+    }
+
+    fn log_opened(&mut self, port: &Port) {
+        self.logged = LoggedReasons::default();
+        log_rate(&port.device, self.baud, port.made_baud);
+        if port.dtr.is_some() {
+            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", port.device.display());
+        }
     }
 
     fn write(&mut self, port: &mut Port, message: &[u8]) -> Result<bool, LinkError> {
@@ -294,7 +309,7 @@ impl Line {
     }
 
     /// Does what is due: ends the restart, asks, or takes the answer.
-    fn advance(&self, port: &mut Port) -> io::Result<()> {
+    fn advance(&mut self, port: &mut Port) -> io::Result<()> {
         let elapsed = port.since.elapsed();
         let available = port.tty.bytes_to_read().map_or(0, |bytes| bytes as usize);
         if port.dtr.is_some() {
@@ -321,11 +336,11 @@ impl Line {
                         self.panel.dials.note_released(has_obeyed);
                         port.is_released &= has_obeyed;
                     }
-                    found.for_each(|error| port.warn(error, &self.panel));
+                    found.for_each(|error| port.warn(error, &self.panel, &mut self.logged));
                 }
                 Err(trouble) => {
                     self.panel.dials.note_released(false);
-                    port.warn(trouble, &self.panel);
+                    port.warn(trouble, &self.panel, &mut self.logged);
                 }
             }
         } else if !port.is_asked && (elapsed >= INQUIRY_PERIOD || (port.answers && self.is_unacknowledged(port))) {
@@ -346,6 +361,7 @@ impl Port {
         Self {
             device,
             tty,
+            made_baud: 0,
             dtr,
             is_asked: false,
             is_released: false,
@@ -356,16 +372,15 @@ impl Port {
             took_at: now,
             reminder: None,
             written: Vec::new(),
-            logged: LoggedReasons::default(),
             _claim,
         }
     }
 
     /// Reports the trouble of a Maestro, which may have missed its limits, or have restarted.
-    fn warn(&mut self, trouble: &str, panel: &Panel) {
+    fn warn(&mut self, trouble: &str, panel: &Panel, logged: &mut LoggedReasons) {
         self.doubt();
         panel.note(Some(trouble));
-        if self.logged.is_new(trouble) {
+        if logged.is_new(trouble) {
             tracing::warn!("link {}: {trouble}", self.device.display());
         }
     }
@@ -451,7 +466,7 @@ mod tests {
     use facewire_servo::ChannelSettings;
 
     use super::*;
-    use crate::link::testing::eventually;
+    use crate::link::testing::{eventually, logged};
 
     /// A line at 115,200 baud whose port was found.
     fn line(attached: Attached, maestro: Option<MaestroSettings>) -> Line {
@@ -463,6 +478,7 @@ mod tests {
             release: None,
             first_claim: None,
             panel: Arc::default(),
+            logged: LoggedReasons::default(),
         }
     }
 
@@ -537,7 +553,7 @@ mod tests {
         let channel = ChannelSettings { speed_per_s: 2.0, ..ChannelSettings::default() };
         let at = SerialDevice::Path(device.clone());
         let maestro = Some(MaestroSettings { device: at, channels: vec![channel], ..MaestroSettings::default() });
-        let line = line(Attached::Maestro, maestro);
+        let mut line = line(Attached::Maestro, maestro);
         let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
         line.begin(&mut port);
         let limits = b"\x87\x00\x50\x00\x89\x00\x00\x00";
@@ -562,8 +578,24 @@ mod tests {
         assert_eq!(after(&mut port, 0), target, "no room");
         assert_eq!(after(&mut port, 20), both);
         assert_eq!(after(&mut port, 0), target, "no room");
-        port.warn("an error", &line.panel);
+        port.warn("an error", &line.panel, &mut line.logged);
         assert_eq!(after(&mut port, 0), both);
+    }
+
+    #[test]
+    fn a_trouble_of_a_port_that_opens_and_fails_again_and_again_is_logged_once_and_again_once_the_port_lasts() {
+        let mut line = line(Attached::Maestro, Some(MaestroSettings::default()));
+        let mut warn = |has_lasted: bool| {
+            let (_board, tty) = TTYPort::pair().unwrap();
+            let device = PathBuf::from(tty.name().unwrap());
+            let mut port = Port::new(device.clone(), tty, None, PortClaim::acquire(&device).unwrap());
+            if has_lasted {
+                line.log_opened(&port);
+            }
+            let log = logged(|| port.warn(SILENCE, &line.panel, &mut line.logged));
+            log.matches(SILENCE).count()
+        };
+        assert_eq!([false, false, true, false].map(&mut warn), [1, 0, 1, 0]);
     }
 
     #[test]

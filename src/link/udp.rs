@@ -8,18 +8,25 @@
 //! by a triple buffer.
 
 use std::io;
-use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{self, Builder};
 use std::time::Duration;
 
 use facewire_board::name_server_remedy;
+use facewire_packet::formats::dmx::{DISCOVERY_UNIVERSE, group};
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
 use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
 use crate::config::Address;
 use crate::retry::Retry;
+
+/// What the system does for a carrier, which it may refuse.
+struct System<R> {
+    resolve: R,
+    socket: fn(SocketAddr, Option<SocketAddr>) -> io::Result<UdpSocket>,
+}
 
 const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 
@@ -38,11 +45,11 @@ pub struct UdpCarrier {
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
     pub fn open(address: &Address, panel: Arc<Panel>) -> Result<Self, LinkError> {
-        Self::resolved_by(system_resolver, address, panel)
+        Self::by(System { resolve: system_resolver, socket: socket_for }, address, panel)
     }
 
-    fn resolved_by(
-        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
+    fn by(
+        system: System<impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static>,
         address: &Address,
         panel: Arc<Panel>,
     ) -> Result<Self, LinkError> {
@@ -50,22 +57,23 @@ impl UdpCarrier {
         let from = panel.kind.universe().and_then(|(_, from)| from);
         // The address to send from may appear later, like that of a host name, and so may the right to use the network.
         let literal = address.as_str().parse().ok().filter(|_| from.is_none());
-        let lookup = if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None).ok()) {
-            input.write(Some(destination));
-            None
-        } else {
-            let (wake, woken) = sync_channel(1);
-            let host = address.clone();
-            let shared = Arc::clone(&panel);
-            let thread = Builder::new().name("fw-lookup".to_owned()).stack_size(LINK_STACK_BYTES);
-            let started = thread.spawn(move || {
-                while panics(&host, &shared, || look_up(&host, from, &resolve, &mut input, &woken, &shared)) {
-                    thread::sleep(PANIC_PAUSE);
-                }
-            });
-            started.map_err(|error| LinkError::no_thread(address, error))?;
-            Some(wake)
-        };
+        let lookup =
+            if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None, system.socket).ok()) {
+                input.write(Some(destination));
+                None
+            } else {
+                let (wake, woken) = sync_channel(1);
+                let host = address.clone();
+                let shared = Arc::clone(&panel);
+                let thread = Builder::new().name("fw-lookup".to_owned()).stack_size(LINK_STACK_BYTES);
+                let started = thread.spawn(move || {
+                    while panics(&host, &shared, || look_up(&host, from, &system, &mut input, &woken, &shared)) {
+                        thread::sleep(PANIC_PAUSE);
+                    }
+                });
+                started.map_err(|error| LinkError::no_thread(address, error))?;
+                Some(wake)
+            };
         Ok(Self { destination, lookup, panel, refusal: None })
     }
 
@@ -81,6 +89,14 @@ impl UdpCarrier {
         is_taken
     }
 
+    /// Sends a message about the stream to where consoles listen for it, without counting it: the receiver, or, if that is a
+    /// multicast group, the group of discovery. A message that is lost is sent again later.
+    pub fn announce(&mut self, message: &[u8]) {
+        if let Some((socket, receiver)) = self.destination.read() {
+            let _ = socket.send_to(message, discovery_of(*receiver));
+        }
+    }
+
     /// Whether messages reach the network at present.
     pub fn is_open(&self) -> bool {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
@@ -93,10 +109,29 @@ impl UdpCarrier {
     }
 }
 
+/// Where the sources that send to this receiver are looked for.
+fn discovery_of(receiver: SocketAddr) -> SocketAddr {
+    let ip = match receiver.ip() {
+        IpAddr::V4(ip) if ip.is_multicast() => group(DISCOVERY_UNIVERSE).ip(),
+        IpAddr::V6(ip) if ip.is_multicast() => {
+            let [a, b, c, d, e, f, g, _] = ip.segments();
+            [a, b, c, d, e, f, g, DISCOVERY_UNIVERSE].into()
+        }
+        ip => ip,
+    };
+    let mut place = receiver;
+    place.set_ip(ip);
+    place
+}
+
 /// Opens a socket to this receiver. With an address of this machine, multicasts and broadcasts leave by its interface.
-fn open(address: &Address, receiver: SocketAddr, from: Option<SocketAddr>) -> Result<Destination, LinkError> {
-    let opened =
-        socket_for(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
+fn open(
+    address: &Address,
+    receiver: SocketAddr,
+    from: Option<SocketAddr>,
+    socket: fn(SocketAddr, Option<SocketAddr>) -> io::Result<UdpSocket>,
+) -> Result<Destination, LinkError> {
+    let opened = socket(receiver, from).and_then(|socket| socket.set_broadcast(receiver.is_ipv4()).map(|()| socket));
     let socket = opened.map_err(|error| {
         let remedy = from
             .map(|from| format!("this machine has the address {}, and that no other program uses its port", from.ip()));
@@ -115,10 +150,11 @@ pub fn socket_for(receiver: SocketAddr, from: Option<SocketAddr>) -> io::Result<
     Ok(socket)
 }
 
-/// Tests whether this machine has a route to the address at this moment. Nothing is sent.
-pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<(), LinkError> {
-    let (socket, receiver) = open(address, resolve(address)?, from)?;
-    socket.connect(receiver).map_err(|error| {
+/// Tests whether this machine has a route to the address at this moment, and returns what the host name stands for. Nothing is
+/// sent.
+pub fn check(address: &Address, from: Option<SocketAddr>) -> Result<SocketAddr, LinkError> {
+    let (socket, receiver) = open(address, resolve(address)?, from, socket_for)?;
+    socket.connect(receiver).map(|()| receiver).map_err(|error| {
         let sentence = format!("no network leads there ({error}); check this machine's cable or Wi-Fi and the address");
         LinkError::new(LinkErrorKind::Host, address, sentence)
     })
@@ -129,14 +165,14 @@ fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
 }
 
 fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
-    address.as_str().to_socket_addrs().map(Iterator::collect)
+    address.parts().ok_or(io::ErrorKind::InvalidInput)?.to_socket_addrs().map(Iterator::collect)
 }
 
 /// Looks a host name up at once, then periodically, and whenever it is woken. If that fails, the last destination stays.
 fn look_up(
     address: &Address,
     from: Option<SocketAddr>,
-    resolve: &impl Fn(&Address) -> io::Result<Vec<SocketAddr>>,
+    system: &System<impl Fn(&Address) -> io::Result<Vec<SocketAddr>>>,
     destination: &mut Input<Option<Destination>>,
     woken: &Receiver<()>,
     panel: &Panel,
@@ -144,9 +180,9 @@ fn look_up(
     let mut current = None;
     let mut retry = Retry::default();
     loop {
-        let found = choose(address, resolve(address), current).and_then(|receiver| {
+        let found = choose(address, (system.resolve)(address), current).and_then(|receiver| {
             if current != Some(receiver) {
-                destination.write(Some(open(address, receiver, from)?));
+                destination.write(Some(open(address, receiver, from, system.socket)?));
                 tracing::info!("link {address}: packets go to {receiver}");
                 current = Some(receiver);
             }
@@ -173,7 +209,9 @@ fn choose(
     current: Option<SocketAddr>,
 ) -> Result<SocketAddr, LinkError> {
     let unresolved = |reason| {
-        let sentence = format!("the host does not resolve ({reason}); {}", name_server_remedy());
+        let interface = |name| format!("check that this machine has the interface {name}");
+        let remedy = address.interface().map_or_else(name_server_remedy, interface);
+        let sentence = format!("the host does not resolve ({reason}); {remedy}");
         LinkError::new(LinkErrorKind::Host, address, sentence)
     };
     let found = found.map_err(|error| unresolved(error.to_string()))?;
@@ -186,6 +224,8 @@ fn choose(
 mod tests {
     use std::net::Ipv4Addr;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    use rustix::io::Errno;
 
     use super::*;
     use crate::config::LinkSettings;
@@ -206,7 +246,7 @@ mod tests {
         let (answers, asked) = sync_channel(0);
         let resolve = move |_: &Address| asked.recv().map_err(io::Error::other);
         let address = Address::new("head.local:5252").unwrap();
-        (UdpCarrier::resolved_by(resolve, &address, Arc::default()).unwrap(), answers)
+        (UdpCarrier::by(System { resolve, socket: socket_for }, &address, Arc::default()).unwrap(), answers)
     }
 
     /// Finds these addresses. When the second look-up has begun, the first one has had its effect.
@@ -260,6 +300,25 @@ mod tests {
     }
 
     #[test]
+    fn an_ipv6_address_is_reached_by_the_name_of_its_interface_and_an_interface_that_is_not_there_is_named() {
+        let told = check(&Address::new("[fe80::1%nowhere7]:5252").unwrap(), None).unwrap_err().to_string();
+        assert!(told.ends_with("; check that this machine has the interface nowhere7"), "{told}");
+        let Ok(socket) = UdpSocket::bind("[::1]:0") else { return skip("this machine has no IPv6") };
+        let address = Address::new(&format!("[::1%lo]:{}", socket.local_addr().unwrap().port())).unwrap();
+        match system_resolver(&address) {
+            Ok(found) => {
+                assert_eq!(found.iter().map(SocketAddr::ip).collect::<Vec<_>>(), ["::1".parse::<IpAddr>().unwrap()])
+            }
+            // Some systems take the interface for an address that is link-local alone.
+            Err(_) => {
+                let link_local = Address::new("[fe80::1%lo]:5252").unwrap();
+                let [SocketAddr::V6(found)] = system_resolver(&link_local).unwrap()[..] else { panic!() };
+                assert_ne!(found.scope_id(), 0);
+            }
+        }
+    }
+
+    #[test]
     fn localhost_is_reached_by_ipv4_which_may_be_a_broadcast() {
         let socket = receiver("127.0.0.1:0");
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
@@ -292,6 +351,51 @@ mod tests {
         assert_eq!((link.is_open(), counts(&link.panel)), (false, [0, 1]));
     }
 
+    /// A unit with RestrictAddressFamilies= or another sandbox.
+    #[test]
+    fn a_network_that_the_system_forbids_is_waited_for_and_told_and_refuses_no_link() {
+        /// How many more times the system refuses a socket, by these errors in turn.
+        static REFUSALS: AtomicU32 = AtomicU32::new(u32::MAX);
+        const ERRORS: [Errno; 3] = [Errno::AFNOSUPPORT, Errno::PERM, Errno::ACCESS];
+        let socket = |receiver: SocketAddr, from: Option<SocketAddr>| {
+            let refusals = REFUSALS.load(Relaxed);
+            REFUSALS.store(refusals.saturating_sub(1), Relaxed);
+            let error = ERRORS[refusals as usize % ERRORS.len()];
+            if refusals > 0 { Err(error.into()) } else { socket_for(receiver, from) }
+        };
+        let receiver = receiver("127.0.0.1:0");
+        let address = Address::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+        let panel = Arc::<Panel>::default();
+        let mut link =
+            UdpCarrier::by(System { resolve: system_resolver, socket }, &address, Arc::clone(&panel)).unwrap();
+        for error in ERRORS {
+            let want = format!("no socket ({}); check that the service may use the network", io::Error::from(error));
+            eventually("a word", || {
+                link.refresh();
+                panel.trouble().is_some_and(|told| told.contains(&want))
+            });
+        }
+        assert!(!arrives(&mut link, &receiver) && !link.is_open());
+        REFUSALS.store(2, Relaxed);
+        eventually("the packets arrive", || {
+            link.refresh();
+            arrives(&mut link, &receiver)
+        });
+        assert_eq!((link.is_open(), panel.trouble()), (true, None));
+    }
+
+    /// A unit with IPAddressDeny=, whose filter lets a socket be opened and refuses each datagram, as the system refuses one that
+    /// is too long.
+    #[test]
+    fn a_datagram_that_the_system_refuses_leaves_the_link_waiting_for_the_next_one() {
+        let socket = receiver("127.0.0.1:0");
+        let mut link = open(&socket.local_addr().unwrap().to_string());
+        assert!(!link.send(&[0; 70_000]) && !link.is_open());
+        assert_eq!(link.refusal, Some(Errno::MSGSIZE.raw_os_error()));
+        assert!(arrives(&mut link, &socket) && link.is_open());
+        assert_eq!(counts(&link.panel), [1, 1]);
+    }
+
     #[test]
     fn packets_follow_a_host_name_to_its_new_address() {
         let [old, new] = ["127.0.0.1:0", "127.0.0.1:0"].map(receiver);
@@ -318,7 +422,7 @@ mod tests {
             Ok(vec![found])
         };
         let address = Address::new("head.local:5252").unwrap();
-        let mut link = UdpCarrier::resolved_by(resolve, &address, Arc::default()).unwrap();
+        let mut link = UdpCarrier::by(System { resolve, socket: socket_for }, &address, Arc::default()).unwrap();
         begun.recv().unwrap();
         eventually("a word", || link.panel.trouble().is_some_and(|trouble| trouble.contains("fault of facewire")));
         begun.recv().unwrap();

@@ -5,7 +5,6 @@ use std::time::Duration;
 use crate::capture::v4l2::{PixelFormat, Wish};
 use crate::capture::{self, CaptureError, Content, Frame, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
-use crate::retry::{BackOff, LONGEST_WAIT};
 use facewire_face::Rotation;
 
 /// The camera is opened again after this many damaged frames in a row, which cures some cameras.
@@ -79,15 +78,6 @@ impl OpenCamera {
     }
 }
 
-/// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`. A
-/// camera that shows a few frames and fails, again and again, does not keep the machine busy.
-pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
-    if lasted >= LONGEST_WAIT {
-        *back_off = BackOff::default();
-    }
-    back_off.wait()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,14 +111,5 @@ mod tests {
             assert_eq!((counted, is_given_up), (expected, damaged == 100));
             assert_eq!(camera.damaged.is_none(), !is_given_up, "an intact frame begins the count again");
         }
-    }
-
-    #[test]
-    fn waits_double_up_to_a_second_and_begin_again_only_after_a_camera_that_lasted_a_second() {
-        let mut back_off = BackOff::default();
-        let mut wait_ms = |lasted_ms| wait_after(Duration::from_millis(lasted_ms), &mut back_off).as_millis();
-        assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
-        assert_eq!(wait_ms(999), 1000, "a glimpse");
-        assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
     }
 }

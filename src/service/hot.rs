@@ -12,7 +12,7 @@ use facewire_packet::Reason;
 use triple_buffer::Input;
 
 use super::adaptation::Load;
-use super::camera::{self, OpenCamera};
+use super::camera::OpenCamera;
 use super::counters::{Counters, OPEN_PATIENCE_US, WORK_PATIENCE_US, frame_patience_us};
 use super::failsafe::News;
 use super::observer::Observer;
@@ -159,7 +159,7 @@ impl HotLoop {
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
             }
             self.enter(OPEN_PATIENCE_US);
-            let wait = camera::wait_after(lasted.unwrap_or_default(), &mut back_off);
+            let wait = back_off.wait_after(lasted.unwrap_or_default());
             if !self.counters.stopping() {
                 thread::park_timeout(wait);
             }

@@ -179,7 +179,7 @@ pub fn run(
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender_thread, hot_thread);
     let control_ended = control_thread.map_or(Ok(()), |(stop, thread)| end_control(stop, thread));
-    supervisor.events.try_iter().for_each(|event| supervisor.log.event(event));
+    supervisor.events.try_iter().for_each(|event| supervisor.log.event(event, Instant::now()));
     control_ended.and(ended)
 }
 

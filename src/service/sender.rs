@@ -20,7 +20,7 @@ use super::{STACK_BYTES, ServiceError, ends_before};
 use crate::capture::FrameRate;
 use crate::clock::monotonic_us;
 use crate::config::{FailsafeSettings, LinkSettings, Settings};
-use crate::link::{Link, LinkError, Output, Panel, Rates, Traffic, packet};
+use crate::link::{Announcement, Link, LinkError, Output, Panel, Rates, Traffic, announcement, packet};
 use crate::recording::Recorded;
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
@@ -142,22 +142,24 @@ struct Linked {
     link: Option<Link>,
     /// That of the link to the same servo board, with other channels, which this one replaces.
     replaced: Option<Arc<Panel>>,
+    announcement: Option<Announcement>,
 }
 
 impl Links {
     /// Opens the links in `new` of which `live` has no panel. One whose host or device is away waits for it.
     pub(super) fn change(new: &Settings, mut live: Vec<Arc<Panel>>, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let open = |settings: &LinkSettings| {
+        let open = |(number, settings): (usize, &LinkSettings)| {
+            let announcement = announcement(&new.links, number);
             let settings = settings.clone();
             if let Some(index) = live.iter().position(|panel| panel.kind == settings.kind) {
-                return Ok(Linked { settings, panel: live.remove(index), link: None, replaced: None });
+                return Ok(Linked { settings, panel: live.remove(index), link: None, replaced: None, announcement });
             }
             let replaced = live.iter().position(|panel| panel.kind.has_same_board(&settings.kind));
             let replaced = replaced.map(|index| live.remove(index));
             let link = Link::open(&settings, traffic)?;
-            Ok(Linked { settings, panel: Arc::clone(&link.panel), link: Some(link), replaced })
+            Ok(Linked { settings, panel: Arc::clone(&link.panel), link: Some(link), replaced, announcement })
         };
-        let links = new.links.iter().map(open).collect::<Result<_, _>>()?;
+        let links = new.links.iter().enumerate().map(open).collect::<Result<_, _>>()?;
         Ok(Self { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links })
     }
 
@@ -190,8 +192,15 @@ impl Links {
     /// Offers the output to every link. Returns how long the links can wait for the next output, in microseconds.
     fn offer(&mut self, now_us: u64, output: &Output) -> u64 {
         let rates = Rates { send_hz: self.rate_hz, slew_per_s: self.failsafe.slew_per_s };
-        let waits = self.each().map(|(settings, link)| link.offer(settings, rates, now_us, output));
-        waits.min().unwrap_or(u64::MAX)
+        let mut wait_us = u64::MAX;
+        for Linked { settings, link, announcement, .. } in &mut self.links {
+            let Some(link) = link else { continue };
+            wait_us = wait_us.min(link.offer(settings, rates, now_us, output));
+            if let Some(announcement) = announcement {
+                link.announce(announcement, now_us);
+            }
+        }
+        wait_us
     }
 
     /// Whether a link is still on its way from a pose that it has held.
@@ -348,12 +357,14 @@ mod tests {
 
         /// Shows a face whose jaw is open for a second.
         fn live(&mut self) {
+            (0..30).for_each(|_| self.frame(1.0));
+        }
+
+        fn frame(&mut self, jaw: f32) {
             let mut pose = Pose::NEUTRAL;
-            pose.coefficients[17] = 1.0;
-            for _ in 0..30 {
-                self.news.write(Ok((pose, self.now_us)));
-                self.pass(33_333);
-            }
+            pose.coefficients[17] = jaw;
+            self.news.write(Ok((pose, self.now_us)));
+            self.pass(33_333);
         }
     }
 
@@ -484,6 +495,38 @@ mod tests {
         clocked.live();
         let shown = values();
         assert!(shown.iter().all(|value| (229..=230).contains(value)), "neither at rest nor beyond its end: {shown:?}");
+    }
+
+    #[test]
+    fn a_source_of_sacn_is_announced_every_ten_seconds_also_after_a_reload_that_keeps_it_until_its_stream_ends() {
+        let node = UdpSocket::bind("127.0.0.1:0").unwrap();
+        node.set_nonblocking(true).unwrap();
+        let address = node.local_addr().unwrap();
+        let link = format!("[[link]]\nkind = \"sacn\"\naddress = \"{address}\"\nstop = \"end\"\n");
+        let other = "[[link]]\nkind = \"sacn\"\naddress = \"127.0.0.1:9\"\n";
+        let settings = config::parse("test", &link).unwrap();
+        let mut clocked = Clocked::new(&settings);
+        // Returns how many values the node gets while the face moves for these seconds, and how many announcements of one universe.
+        let seconds = |clocked: &mut Clocked, count: u64| {
+            let mut datagram = [0; 1024];
+            let mut got = [0; 2];
+            for _ in 0..count {
+                (0..30_u8).for_each(|frame| clocked.frame(f32::from(frame % 2)));
+                let lengths = std::iter::from_fn(|| node.recv(&mut datagram).ok());
+                lengths.for_each(|length| got[usize::from(length == 122)] += 1);
+            }
+            (got[0] > 0, got[1])
+        };
+        assert_eq!([1, 8, 2, 10].map(|count| seconds(&mut clocked, count).1), [1, 0, 1, 1]);
+        let reloaded = config::parse("test", &(other.to_owned() + &link)).unwrap();
+        let counters = &clocked.sender.counters;
+        let change = Links::change(&reloaded, clocked.sender.links.panels(), &counters.traffic).unwrap();
+        let old = std::mem::replace(&mut clocked.sender.links, change);
+        clocked.sender.links.take_over(old, &Output::NEUTRAL);
+        assert_eq!(seconds(&mut clocked, 25), (true, 3), "also at once after a reload");
+        clocked.sender.counters.traffic.operator.is_released.store(true, Relaxed);
+        seconds(&mut clocked, 1);
+        assert_eq!(seconds(&mut clocked, 20), (false, 0));
     }
 
     #[test]

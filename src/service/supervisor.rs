@@ -15,7 +15,7 @@ use super::realtime::{self, Grant};
 use super::reload::Reloader;
 use crate::clock::monotonic_us;
 use crate::link::Panel;
-use crate::retry::LoggedReasons;
+use crate::retry::{LoggedReasons, has_lasted};
 use facewire_board::{self as board, Hardware, Impairment, ImpairmentSet, Machine};
 
 const TICK: Duration = Duration::from_millis(50);
@@ -71,7 +71,7 @@ impl Supervisor {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
         let takes_memory = matches!(event, Event::Opened(_) | Event::EngineReloaded);
         let before = self.log.camera.clone();
-        self.log.event(event);
+        self.log.event(event, Instant::now());
         if self.log.camera != before {
             notify(NotifyState::Status(&self.log.camera));
         }
@@ -149,7 +149,10 @@ pub(super) struct Log {
     /// Which camera is open, or why there are no pictures.
     camera: String,
     is_open: bool,
+    opened_at: Option<Instant>,
     blind_reasons: LoggedReasons,
+    /// Whether the camera opens and fails at once, again and again.
+    flaps: bool,
     refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
@@ -160,15 +163,18 @@ pub(super) struct Log {
 }
 
 impl Log {
-    /// Logs an event. Repeated attempts that fail for the same reason are logged once.
-    pub(super) fn event(&mut self, event: Event) {
+    /// Logs an event. Repeated attempts that fail for the same reason are logged once, as is a camera that opens and fails again
+    /// and again.
+    pub(super) fn event(&mut self, event: Event, now: Instant) {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
                 self.camera = format!("camera opened: {camera}");
                 self.is_open = true;
-                tracing::info!("{}", self.camera);
-                self.blind_reasons = LoggedReasons::default();
+                self.opened_at = Some(now);
+                if !self.flaps || self.blind_reasons.is_new(&self.camera) {
+                    tracing::info!("{}", self.camera);
+                }
             }
             Event::FalseClock => tracing::warn!(
                 "the camera driver's timestamps cannot be true: from now on each frame is dated by its arrival, so that its age is \
@@ -179,8 +185,16 @@ impl Log {
                 rotation.degrees()
             ),
             Event::Blind(what, reason) => {
-                if self.blind_reasons.is_new(&reason) {
+                let opened_for = self.opened_at.take().map(|opened_at| now.saturating_duration_since(opened_at));
+                if opened_for.is_some_and(has_lasted) {
+                    self.blind_reasons = LoggedReasons::default();
+                }
+                let is_new = self.blind_reasons.is_new(&reason);
+                if is_new {
                     tracing::warn!("{what}: {reason}; trying again");
+                }
+                if opened_for.is_some() {
+                    self.flaps = !is_new;
                 }
                 self.camera = format!("blind, because {reason}");
                 self.is_open = false;
@@ -280,4 +294,32 @@ fn notify(state: NotifyState<'_>) {
 
 fn ms(time: Duration) -> f64 {
     time.as_secs_f64() * 1000.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::testing::logged;
+
+    #[test]
+    fn a_camera_that_opens_and_fails_again_and_again_is_logged_once_and_one_that_lasted_a_second_each_time() {
+        let mut log = Log::default();
+        let mut now = Instant::now();
+        let mut lines = |works_for_ms: u64| {
+            let work = || {
+                log.event(Event::Opened("Webcam".to_owned()), now);
+                now += Duration::from_millis(works_for_ms);
+                log.event(Event::Blind("camera lost", "it is gone".to_owned()), now);
+                log.event(Event::Blind("no camera", "there is none".to_owned()), now);
+            };
+            let text = logged(work);
+            ["camera opened: Webcam", "camera lost: it is gone", "no camera: there is none"]
+                .map(|line| text.matches(line).count())
+        };
+        assert_eq!(lines(10), [1, 1, 1]);
+        assert_eq!(lines(10), [1, 0, 0]);
+        let flaps: usize = (0..100).flat_map(|_| lines(999)).sum();
+        assert!(flaps <= 1, "{flaps}");
+        assert_eq!([lines(1000), lines(1000)], [[0, 1, 1], [1, 1, 1]]);
+    }
 }

@@ -30,6 +30,14 @@ const TERMINATIONS: u8 = 3;
 const STREAM_TERMINATED: u8 = 0x40;
 const SACN_BYTES: usize = 126 + ADDRESSES;
 const SOURCE_BYTES: usize = 64;
+/// The bytes of a datagram of discovery before its universes, and how many it has at most.
+const DISCOVERY_BYTES: usize = 120;
+const MOST_UNIVERSES: usize = 512;
+
+/// Where sources of E1.31 say which universes they send.
+pub const DISCOVERY_UNIVERSE: u16 = 64_214;
+/// How often they say so. Consoles take a source from their list that has been silent for twice as long.
+pub const DISCOVERY_PERIOD: Duration = Duration::from_secs(10);
 
 /// Where a protocol has what changes from one datagram to the next.
 #[derive(Debug)]
@@ -45,6 +53,38 @@ struct Layout {
 pub fn group(universe: u16) -> SocketAddr {
     let [high, low] = universe.to_be_bytes();
     ([239, 255, high, low], 5568).into()
+}
+
+/// Returns the datagram of E1.31 by which consoles list this source with the universes that it sends, which are in ascending
+/// order (section 8 of the standard). Only the first 512 of them are named.
+#[must_use]
+pub fn discovery(cid: [u8; 16], source: &str, universes: &[u16]) -> Vec<u8> {
+    let universes = universes.get(..MOST_UNIVERSES).unwrap_or(universes);
+    let total = DISCOVERY_BYTES + 2 * universes.len();
+    let mut bytes = begin(total, 8, cid, source);
+    bytes.extend_from_slice(&[0; 4]);
+    add_length(&mut bytes, total);
+    // The list of universes, on page 0 of pages up to 0.
+    bytes.extend_from_slice(&[0, 0, 0, 1, 0, 0]);
+    bytes.extend(universes.iter().flat_map(|universe| universe.to_be_bytes()));
+    bytes
+}
+
+/// Returns the beginning of a datagram of E1.31 with so many bytes: its root layer with this vector, and its framing layer up to
+/// the name of the source, with the vector 2 of both data and discovery.
+fn begin(total: usize, vector: u8, cid: [u8; 16], source: &str) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(total);
+    bytes.extend_from_slice(b"\x00\x10\x00\x00ASC-E1.17\0\0\0");
+    add_length(&mut bytes, total);
+    bytes.extend_from_slice(&[0, 0, 0, vector]);
+    bytes.extend_from_slice(&cid);
+    add_length(&mut bytes, total);
+    bytes.extend_from_slice(&[0, 0, 0, 2]);
+    let name_at = bytes.len();
+    let (name, _) = source.split_at(source.floor_char_boundary(SOURCE_BYTES - 1));
+    bytes.extend_from_slice(name.as_bytes());
+    bytes.resize(name_at + SOURCE_BYTES, 0);
+    bytes
 }
 
 /// Writes the datagrams of one universe.
@@ -63,21 +103,11 @@ impl Dmx {
     /// their `cid` and show the first 63 bytes of the name `source`.
     #[must_use]
     pub fn sacn(cid: [u8; 16], source: &str, priority: u8, universe: u16) -> Self {
-        let mut bytes = Vec::with_capacity(SACN_BYTES);
-        bytes.extend_from_slice(b"\x00\x10\x00\x00ASC-E1.17\0\0\0");
-        add_length(&mut bytes);
-        bytes.extend_from_slice(&[0, 0, 0, 4]);
-        bytes.extend_from_slice(&cid);
-        add_length(&mut bytes);
-        bytes.extend_from_slice(&[0, 0, 0, 2]);
-        let name_at = bytes.len();
-        let (name, _) = source.split_at(source.floor_char_boundary(SOURCE_BYTES - 1));
-        bytes.extend_from_slice(name.as_bytes());
-        bytes.resize(name_at + SOURCE_BYTES, 0);
+        let mut bytes = begin(SACN_BYTES, 4, cid, source);
         // No synchronisation, sequence, no options.
         bytes.extend_from_slice(&[priority, 0, 0, 0, 0]);
         bytes.extend_from_slice(&universe.to_be_bytes());
-        add_length(&mut bytes);
+        add_length(&mut bytes, SACN_BYTES);
         // The property 0 is the start code, and those after it are the values.
         bytes.extend_from_slice(&[2, 0xA1, 0, 0, 0, 1, 2, 1, 0]);
         Self::new(bytes, 111, Some(112))
@@ -135,9 +165,9 @@ impl Dmx {
     }
 }
 
-/// Adds the length of an E1.31 datagram from here to its end, with the flags of the protocol.
-fn add_length(bytes: &mut Vec<u8>) {
-    let length = u16::try_from(SACN_BYTES - bytes.len()).unwrap_or(0);
+/// Adds the length of an E1.31 datagram from here to its end, with the flags of the protocol. It has `total` bytes.
+fn add_length(bytes: &mut Vec<u8>, total: usize) {
+    let length = u16::try_from(total - bytes.len()).unwrap_or(0);
     bytes.extend_from_slice(&(0x7000 | length).to_be_bytes());
 }
 
@@ -179,6 +209,23 @@ mod tests {
         );
         assert_eq!((long[113..115].to_vec(), long.len()), (vec![0xF9, 0xFF], 638));
         assert_eq!([1, 63_999].map(|it| group(it).to_string()), ["239.255.0.1:5568", "239.255.249.255:5568"]);
+    }
+
+    /// ANSI E1.31-2018, tables 4-3 and 8-9, with the source of table B-13 and the universes 1 and 7. 124 bytes are 0x7C.
+    #[test]
+    fn a_datagram_of_discovery_has_the_bytes_of_the_standard_and_names_512_universes_at_most() {
+        let want = [
+            &b"\x00\x10\x00\x00\x41\x53\x43\x2D\x45\x31\x2E\x31\x37\x00\x00\x00\x70\x6C\x00\x00\x00\x08"[..],
+            &CID,
+            b"\x70\x56\x00\x00\x00\x02Source_A",
+            &[0; 56],
+            b"\x00\x00\x00\x00\x70\x0C\x00\x00\x00\x01\x00\x00\x00\x01\x00\x07",
+        ];
+        assert_eq!(discovery(CID, "Source_A", &[1, 7]), want.concat());
+        let universes: Vec<u16> = (1..=600).collect();
+        let full = discovery(CID, "Source_A", &universes);
+        assert_eq!((full.len(), &full[16..18], &full[1142..]), (1144, &[0x74, 0x68][..], &[2, 0][..]));
+        assert_eq!(group(DISCOVERY_UNIVERSE).to_string(), "239.255.250.214:5568");
     }
 
     #[test]

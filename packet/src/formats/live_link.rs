@@ -1,7 +1,8 @@
 //! Live Link Face, packet version 6: what Unreal's plugins "Apple ARKit" and "Apple ARKit Face Support" read.
 //!
 //! One datagram carries the 52 coefficients in the order of facewire's packet, then the angles of the head and of both
-//! eyes in radians: yaw to the person's right, pitch downwards, roll to the left shoulder. All numbers are big-endian.
+//! eyes in radians: yaw to the person's right, pitch downwards, roll to the left shoulder. All numbers are big-endian. The time of a
+//! datagram is the time of day as a timecode of 60 frames a second, as the app's is, so that recorders find what belongs together.
 //! When nobody is in the picture, the datagram ends after the subject's name, which receivers read as "no face".
 
 use super::angles::{Angles, Gaze};
@@ -9,6 +10,7 @@ use crate::{Packet, State};
 
 const VERSION: u8 = 6;
 const FRAMES_PER_S: i32 = 60;
+const DAY_US: u64 = 86_400_000_000;
 const VALUES: u8 = 61;
 const FIXED_BYTES: usize = 270;
 /// Bytes of a datagram that every receiver reads: some accept no other length.
@@ -54,7 +56,7 @@ impl LiveLink {
         (bytes != usual).then_some(sentence)
     }
 
-    /// Sends the packet as one datagram. `now_us` is its time on a clock that does not wrap.
+    /// Sends the packet as one datagram. `now_us` is the local time since midnight, of any day, in microseconds.
     pub fn encode(&mut self, packet: &Packet, now_us: u64, send: &mut dyn FnMut(&[u8])) {
         let Self { bytes, gaze, .. } = self;
         gaze.follow(&packet.coefficients);
@@ -78,12 +80,10 @@ impl LiveLink {
     }
 }
 
-/// Returns a time in frames and parts of a frame.
+/// Returns the time of day in frames and parts of a frame.
 fn frame_time(now_us: u64) -> (i32, f32) {
-    let frames = u128::from(now_us) * u128::from(FRAMES_PER_S.unsigned_abs());
-    // A board that runs for a year counts beyond the range, and begins at 0 again.
-    let whole = frames / 1_000_000 % (1 << 31);
-    (i32::try_from(whole).unwrap_or(0), (frames % 1_000_000) as f32 / 1e6)
+    let frames = now_us % DAY_US * u64::from(FRAMES_PER_S.unsigned_abs());
+    (i32::try_from(frames / 1_000_000).unwrap_or(0), (frames % 1_000_000) as f32 / 1e6)
 }
 
 /// Returns the bytes of a datagram with a face.
@@ -117,6 +117,21 @@ mod tests {
             let (begin, values) = bytes.split_at(NAMES.len() + TIME.len());
             assert_eq!(begin, [NAMES, TIME].concat());
             assert_eq!(values, want.map(f32::to_be_bytes).as_flattened());
+        }
+    }
+
+    #[test]
+    fn the_frame_counts_from_midnight_to_midnight() {
+        let day = i32::try_from(DAY_US / 1_000_000).unwrap_or(0) * FRAMES_PER_S;
+        for (us, want) in [
+            (0, (0, 0.0)),
+            (12_345, (0, 0.7407)),
+            (DAY_US - 1, (day - 1, 0.99994)),
+            (DAY_US, (0, 0.0)),
+            (20_000 * DAY_US + 16_700_000, (1002, 0.0)),
+            (u64::MAX, frame_time(u64::MAX % DAY_US)),
+        ] {
+            assert_eq!(frame_time(us), want, "{us}");
         }
     }
 

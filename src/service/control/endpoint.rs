@@ -1,18 +1,16 @@
 //! A socket at which the control thread accepts clients: the control socket, or the address of the metrics.
 
-use std::fs::{DirBuilder, Permissions, metadata, set_permissions};
+use std::fs::{DirBuilder, Permissions, set_permissions};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::time::{Duration, Instant};
 
 use super::client::{Client, Speaks};
 use crate::config::Listen;
-use crate::listener::Listener;
+use crate::listener::{Listener, is_shared};
 
 /// Delay before the next attempt after listening or accepting a client has failed.
 const RETRY_DELAY: Duration = Duration::from_secs(1);
-/// The mode of a runtime directory whose group may use the socket.
-const SHARED_FOLDER: u32 = 0o710;
 
 pub(super) struct Endpoint {
     pub(super) listen: Listen,
@@ -38,11 +36,10 @@ impl Endpoint {
         if let Some(folder) = path.parent() {
             DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
         }
-        // Whoever made the folder says by its mode whether the group may use the socket.
-        let folder = path.parent().and_then(|folder| metadata(folder).ok());
-        let is_shared = folder.is_some_and(|folder| folder.permissions().mode() & 0o777 == SHARED_FOLDER);
         let listener = Listener::bind(&self.listen)?;
-        set_permissions(path, Permissions::from_mode(if is_shared { 0o660 } else { 0o600 }))?;
+        if !is_shared(path) {
+            set_permissions(path, Permissions::from_mode(0o600))?;
+        }
         Ok(listener)
     }
 

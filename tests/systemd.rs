@@ -213,6 +213,7 @@ fn each_unit_keeps_the_directives_that_protect_the_machine_and_the_robot_and_get
         ("facewire.service", "ProtectHome=yes\n", "ProtectHome=read-only\n", "lacks ProtectHome=yes"),
         ("facewire.service", "WatchdogSec=5s\n", "", "lacks WatchdogSec=5s"),
         ("facewire-console.service", "UMask=0077\n", "UMask=0077\nBindPaths=/home\n", "must not have BindPaths=/home"),
+        ("facewire-camera.service", "DeviceAllow=char-media rw\n", "", "lacks DeviceAllow=char-media rw"),
         ("facewire-bridge.service", "[Install]\n", "PrivateUsers=no\n[Install]\n", "must not have PrivateUsers=no"),
         ("facewire-helper@.service", "CapabilityBoundingSet=\n", "", "lacks CapabilityBoundingSet="),
         ("facewire-helper.socket", "SocketMode=0660\n", "SocketMode=0666\n", "must not have SocketMode=0666"),

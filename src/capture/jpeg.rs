@@ -17,7 +17,7 @@ use std::mem::take;
 use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Image, PixelFormat, Subsamp, YuvImage};
 
 use self::cleaner::clean;
-pub(super) use self::cleaner::image_size;
+pub(super) use self::cleaner::{image_length, image_size};
 use super::{CaptureError, FrameFault};
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 

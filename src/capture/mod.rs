@@ -11,6 +11,7 @@ mod clip;
 mod delivery;
 mod error;
 mod jpeg;
+mod pipe;
 mod rehearsal;
 pub mod v4l2;
 
@@ -26,18 +27,26 @@ use std::time::Duration;
 
 use facewire_face::{Camera, Face, Picture};
 
+use self::pipe::{MODULE, PipeSource, is_pipe};
 use self::rehearsal::Rehearsal;
-use self::v4l2::{CameraSource, Wish};
+use self::v4l2::{AUTO, CameraSource, Wish};
 use crate::config::Script;
 use facewire_board::ImpairmentSet;
 
-/// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
+/// Opens the camera that a setting names (see [`CameraSource::open`]), or the named pipe through which another program passes it.
+/// `auto` takes the camera module of a Raspberry Pi if its service runs. The name `demo` stands for the built-in clip, which
 /// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.
 pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     match Script::of(device) {
         _ if device == DEMO => Ok(Box::new(Rehearsal::open(None, wish.width, timeout)?)),
         Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
         Some(Err(expected)) => Err(CaptureError::Absent(format!("{device} is no rehearsal; give {expected}"))),
+        None if is_pipe(device) => Ok(Box::new(PipeSource::open(device, wish, timeout)?)),
+        None if device == AUTO && is_pipe(MODULE) => match PipeSource::open(MODULE, wish, timeout) {
+            Ok(module) => Ok(Box::new(module)),
+            // A camera of another kind will do, if there is one.
+            Err(error) => CameraSource::open(device, wish, timeout).map_or(Err(error), |camera| Ok(Box::new(camera))),
+        },
         None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
 }

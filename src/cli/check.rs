@@ -7,7 +7,7 @@ use facewire_face::{Camera, Landmarks, Rotation, Tracker};
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Store, WearerName};
-use crate::capture::{Clip, Source as _};
+use crate::capture::{Clip, Frame, Source as _};
 use crate::clock::monotonic_us;
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::link::{Link, notes};
@@ -32,6 +32,9 @@ names a sum of a servo channel or an adjustment that can leave its range and is 
 const WATCH_US: u64 = 3_300_000;
 /// Time for which an impairment must last, microseconds.
 const HOLD_US: u64 = 1_000_000;
+
+/// Frames on which the mounts of the camera are tried, twice as many as it takes if each shows the face.
+const MOUNT_FRAMES: usize = 32;
 
 /// What was found at a part, and what impairs tracking there, which is no failure.
 type Outcome = Result<(String, ImpairmentSet), Failure>;
@@ -169,13 +172,12 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
 /// Returns the turn after which the camera shows an upright face, if it shows a face at all.
 fn try_mount(camera: &mut OpenCamera, tracker: &mut Tracker) -> Result<Option<Rotation>, Failure> {
     let mut trial = MountTrial::default();
-    while !trial.is_complete() {
-        let Some(frame) = camera.next()? else {
-            camera.check()?;
-            continue;
-        };
-        if let Some(picture) = frame.picture() {
+    for _ in 0..MOUNT_FRAMES {
+        if let Some(picture) = camera.next()?.as_ref().and_then(Frame::picture) {
             trial.add(tracker, picture)?;
+        }
+        if trial.is_complete() {
+            break;
         }
     }
     Ok(trial.best())

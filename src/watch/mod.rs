@@ -168,8 +168,8 @@ impl Watch {
         let cut_off = of_face(|face| poor_if_high(face.cut_off, CUT_OFF));
         let doubtful = match [dark, backlit, small, cut_off].into_iter().max() {
             _ if self.is_turned => POOR,
-            // That is why.
-            Some(POOR) => UNKNOWN,
+            // That may be why.
+            Some(POOR | BETWEEN) => UNKNOWN,
             _ => of_face(|face| poor_if_low(face.score, SCORE).max(poor_if_high(face.roll_deg.abs(), ROLL_DEG))),
         };
         let verdicts = [if is_black { POOR } else { FINE }, dark, backlit, small, cut_off, doubtful];

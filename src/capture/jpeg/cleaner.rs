@@ -78,6 +78,22 @@ pub(in super::super) fn image_size(jpeg: &[u8]) -> Option<[usize; 2]> {
     }
 }
 
+/// Returns the length of the image with which these bytes begin, up to its end marker or to the start marker of another image;
+/// `None` if neither is there yet.
+pub(in super::super) fn image_length(bytes: &[u8]) -> Option<usize> {
+    let mut image = Image { jpeg: bytes, ..Image::default() };
+    loop {
+        match image.marker(usize::MAX).ok()? {
+            marker::END_OF_IMAGE => return Some(image.at),
+            marker::START_OF_IMAGE if image.at > START_OF_IMAGE.len() => return Some(image.at - START_OF_IMAGE.len()),
+            marker::TEMPORARY | marker::RESTART_0..=marker::START_OF_IMAGE => {}
+            _ => {
+                image.segment().ok()?;
+            }
+        }
+    }
+}
+
 fn push(clean: &mut Vec<u8>, bytes: &[u8]) -> Result<(), FrameFault> {
     if bytes.len() > clean.capacity() - clean.len() {
         return Err(FrameFault::TooLarge);

@@ -34,6 +34,7 @@ pub use self::probe::{Camera, Found, cameras};
 use self::clock::DriverClock;
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};
+pub(super) use self::select::AUTO;
 use self::select::{remember, start_one};
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
 use super::delivery::{Arrival, DeliveryCounter};

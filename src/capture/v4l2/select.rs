@@ -14,7 +14,9 @@ use super::probe::{Camera, Found};
 use crate::clock::monotonic_us;
 
 /// The setting that every camera fits.
-const AUTO: &str = "auto";
+pub const AUTO: &str = "auto";
+/// What nobody would guess of the camera that most owners of a Raspberry Pi have.
+const MODULE_HINT: &str = " (a Raspberry Pi's camera module needs `systemctl enable --now facewire-camera`)";
 /// Time after which no further camera is tried in one call: a silent one takes seconds, and the service's watchdog waits.
 const TRY_FOR_US: u64 = 10_000_000;
 
@@ -89,7 +91,7 @@ fn ambiguity(ranked: &[&Camera]) -> String {
 fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     let Some(first) = cameras.first() else {
         let remedy = "plug one in, or set camera.device = \"demo\" to play the built-in clip";
-        return CaptureError::Absent(format!("there is no camera; {remedy}"));
+        return CaptureError::Absent(format!("there is no camera; {remedy}{MODULE_HINT}"));
     };
     if wanted == AUTO {
         return first.lacks(wish);

@@ -1,0 +1,296 @@
+//! A camera that another program reads: JPEG images, one after the other, through a named pipe.
+//!
+//! Raspberry Pi's camera modules need libcamera, whose program `rpicam-vid` writes such a stream, and so do ffmpeg and GStreamer
+//! for all that the kernel's interface does not give. JPEG images state where they begin and end, and how large they are, so
+//! that a reader finds its place in a stream that is already running.
+//!
+//! Contract: as of a camera. Of the images that have come, the newest whole one is decoded. A stream that ends or pauses is an
+//! error, after which the pipe must be opened again. Nothing allocates once the first image has come.
+//!
+//! Limits: a frame counts as captured when its last byte is here.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read as _};
+use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use std::{fs, mem::take};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::OFlags;
+
+use super::delivery::{Arrival, Delivery, DeliveryCounter};
+use super::jpeg::{START_OF_IMAGE, image_length, image_size};
+use super::v4l2::Wish;
+use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
+use crate::clock::monotonic_us;
+
+/// Where `facewire-camera.service` writes the pictures of a Raspberry Pi's camera module.
+pub const MODULE: &str = "/run/facewire-camera/video";
+/// Time limit for the first image: the program may still start.
+const START_TIMEOUT: Duration = Duration::from_secs(5);
+/// Largest number of frames that are left out at once, so that a wish for a far later one is not waited for.
+const MAX_LEFT_OUT: u32 = 16;
+
+pub fn is_pipe(path: &str) -> bool {
+    path.starts_with('/') && fs::metadata(path).is_ok_and(|file| file.file_type().is_fifo())
+}
+
+pub struct PipeSource {
+    path: String,
+    pipe: File,
+    /// What has come and was not decoded yet, up to `filled`.
+    buffer: Box<[u8]>,
+    filled: usize,
+    decoder: JpegDecoder,
+    size: [usize; 2],
+    rate: FrameRate,
+    /// Number of whole images that have come.
+    taken: u64,
+    /// Frames that came earlier are left out.
+    wanted_us: u64,
+    timeout: Duration,
+    tally: Tally,
+    delivery: DeliveryCounter,
+}
+
+impl PipeSource {
+    /// Opens the pipe, and waits for the first image, whose size the others must have.
+    pub fn open(path: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let open = File::options().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
+        let pipe = open.map_err(|error| CaptureError::device(Path::new(path), "opening it", error))?;
+        let [width, height] = [wish.width, wish.height].map(|side| side as usize);
+        let decoder = JpegDecoder::new(width, height)?;
+        // Room for the newest image, and for the one before, until it has come.
+        let buffer = vec![0; 2 * decoder.max_jpeg_bytes()].into();
+        let mut source = Self {
+            path: path.to_owned(),
+            pipe,
+            buffer,
+            filled: 0,
+            decoder,
+            size: [width, height],
+            rate: wish.rate,
+            taken: 0,
+            wanted_us: 0,
+            timeout: START_TIMEOUT,
+            tally: Tally::default(),
+            delivery: DeliveryCounter::new(wish.rate.period_us()),
+        };
+        let [from, to] = source.await_image()?;
+        let image = source.buffer.get(from..to).unwrap_or_default();
+        let [width, height] = image_size(image).unwrap_or(source.size);
+        source.discard(to);
+        source.decoder = JpegDecoder::new(width, height)?;
+        source.size = [width, height];
+        source.timeout = timeout;
+        Ok(source)
+    }
+
+    /// Waits until a whole image is in the buffer, and reads what else has come. Returns where the newest whole image is.
+    fn await_image(&mut self) -> Result<[usize; 2], CaptureError> {
+        let deadline = Instant::now() + self.timeout;
+        loop {
+            let has_ended = self.read()?;
+            if let Some(place) = self.newest() {
+                return Ok(place);
+            }
+            if has_ended {
+                return Err(self.silent("has no writer any more"));
+            }
+            if self.filled == self.buffer.len() {
+                self.filled = 0;
+                return Err(self.fault(FrameFault::TooLarge));
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Err(self.silent(&format!("gave no picture for {} ms", self.timeout.as_millis())));
+            }
+            let wait = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+            match poll(&mut [PollFd::new(&self.pipe, PollFlags::IN)], Some(&wait)) {
+                Ok(_) | Err(rustix::io::Errno::INTR) => {}
+                Err(error) => return Err(CaptureError::driver_failed("sending frames", &error.into())),
+            }
+        }
+    }
+
+    /// Reads what has come, as far as there is room. Returns whether the last writer has closed the pipe.
+    fn read(&mut self) -> Result<bool, CaptureError> {
+        while let Some(room) = self.buffer.get_mut(self.filled..).filter(|room| !room.is_empty()) {
+            match self.pipe.read(room) {
+                // Before the first writer there is nothing either.
+                Ok(0) => return Ok(self.taken > 0 || self.filled > 0),
+                Ok(count) => self.filled += count,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(CaptureError::driver_failed("sending frames", &error)),
+            }
+        }
+        Ok(false)
+    }
+
+    /// Finds the newest whole image, and counts those before it as skipped.
+    fn newest(&mut self) -> Option<[usize; 2]> {
+        let mut newest = None;
+        let mut from = 0;
+        while let Some(bytes) = self.buffer.get(from..self.filled)
+            && let Some(start) = bytes.windows(2).position(|two| two == START_OF_IMAGE)
+            && let Some(length) = bytes.get(start..).and_then(image_length)
+        {
+            self.taken += 1;
+            self.tally.for_newer += u32::from(newest.is_some());
+            newest = Some([from + start, from + start + length]);
+            from += start + length;
+        }
+        newest
+    }
+
+    /// Makes room by removing what is before this place.
+    fn discard(&mut self, before: usize) {
+        self.buffer.copy_within(before.min(self.filled)..self.filled, 0);
+        self.filled = self.filled.saturating_sub(before);
+    }
+
+    fn fault(&mut self, fault: FrameFault) -> CaptureError {
+        self.delivery.damaged += 1;
+        CaptureError::Frame { number: self.taken, fault }
+    }
+
+    fn silent(&self, what: &str) -> CaptureError {
+        let path = &self.path;
+        CaptureError::Unusable(format!("{path} {what}; start the program that writes JPEG images to it"))
+    }
+}
+
+impl Source for PipeSource {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let mut left_out = 0;
+        loop {
+            let [from, to] = self.await_image()?;
+            let captured_us = monotonic_us();
+            let arrival = Arrival { sequence: 0, captured_us, taken_us: captured_us };
+            self.delivery.arrived(arrival);
+            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
+                left_out += 1;
+                self.tally.left_out += 1;
+                self.discard(to);
+                continue;
+            }
+            let begun = Instant::now();
+            let kept = self.decoder.decode(self.buffer.get(from..to).unwrap_or_default());
+            self.tally.decoding += begun.elapsed();
+            self.discard(to);
+            kept.map_err(|fault| self.fault(fault))?;
+            let number = self.taken - 1;
+            let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
+            let picture = self.decoder.picture().ok_or(missing)?;
+            return Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }));
+        }
+    }
+
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.wanted_us = captured_us;
+    }
+
+    fn take_tally(&mut self) -> Tally {
+        take(&mut self.tally)
+    }
+
+    fn take_delivery(&mut self) -> Option<Delivery> {
+        self.delivery.take()
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let [width, height] = self.size;
+        Description { origin: &self.path, format: "JPEG", width, height, rate: Some(self.rate) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::OpenOptions;
+    use std::io::Write as _;
+    use std::path::PathBuf;
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    use tempfile::TempDir;
+    use turbojpeg::Subsamp;
+
+    use super::super::jpeg::tests::jpeg;
+    use super::*;
+
+    const WISH: Wish = Wish { width: 64, height: 48, rate: FrameRate::FPS_30, format: None };
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    fn pipe() -> (TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("video");
+        mknodat(CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        (folder, path)
+    }
+
+    /// Opens a source whose first image, of 40 x 32 pixels, has come behind the rest of another one, and its writer.
+    fn opened(timeout: Duration) -> (PipeSource, File, TempDir) {
+        let (folder, path) = pipe();
+        // A writer that can also read does not wait for a reader.
+        let mut early = OpenOptions::new().read(true).write(true).open(&path).unwrap();
+        let image = jpeg(40, 32, Subsamp::Sub2x2);
+        early.write_all(&[&image[100..], &image].concat()).unwrap();
+        let path = path.to_str().unwrap();
+        assert!(is_pipe(path) && !is_pipe(folder.path().to_str().unwrap()));
+        let source = PipeSource::open(path, &WISH, timeout).unwrap();
+        // Now there is a reader, and no other one than the source is to be left.
+        let writer = OpenOptions::new().write(true).open(path).unwrap();
+        (source, writer, folder)
+    }
+
+    #[test]
+    fn of_the_images_that_have_come_the_newest_whole_one_is_shown_without_an_allocation() {
+        let (mut source, mut writer, _folder) = opened(PATIENCE);
+        assert_eq!(source.describe().to_string().rsplit_once(": ").unwrap().1, "JPEG 40x32 at 30 fps");
+        let image = jpeg(40, 32, Subsamp::Sub2x2);
+        let mut numbers = Vec::with_capacity(3);
+        for _ in 0..3 {
+            writer.write_all(&image.repeat(3)).unwrap();
+            writer.write_all(&image[..image.len() / 2]).unwrap();
+            let allocated = allocation_counter::measure(|| {
+                let frame = source.next().unwrap().unwrap();
+                numbers.push((frame.number, frame.picture().unwrap().width));
+            });
+            assert_eq!(allocated.count_total, 0);
+            writer.write_all(&image[image.len() / 2..]).unwrap();
+        }
+        assert_eq!((numbers, source.take_tally().for_newer), (vec![(3, 40), (7, 40), (11, 40)], 8));
+    }
+
+    #[test]
+    fn a_damaged_image_is_an_error_of_its_own_and_the_next_one_is_intact() {
+        let (mut source, mut writer, _folder) = opened(PATIENCE);
+        let image = jpeg(40, 32, Subsamp::Sub2x2);
+        let other = jpeg(64, 48, Subsamp::Sub2x2);
+        for damaged in [&image[..image.len() - 60], &other, &[0xff, 0xd8, 0xff, 0xd9]] {
+            writer.write_all(&[damaged, &[0xff, 0xd8]].concat()).unwrap();
+            assert!(matches!(source.next(), Err(CaptureError::Frame { .. })), "{} bytes", damaged.len());
+            writer.write_all(&image[2..]).unwrap();
+            assert!(source.next().unwrap().is_some(), "{} bytes", damaged.len());
+        }
+        let endless = vec![7; source.buffer.len() + 1];
+        let long = std::thread::spawn(move || {
+            writer.write_all(&[&image[..image.len() / 2], &endless, &image].concat()).unwrap();
+            writer
+        });
+        assert!(matches!(source.next(), Err(CaptureError::Frame { fault: FrameFault::TooLarge, .. })));
+        assert!(source.next().unwrap().is_some());
+        drop(long.join().unwrap());
+    }
+
+    #[test]
+    fn a_writer_that_ends_or_pauses_is_an_error_that_names_the_pipe() {
+        let (mut source, writer, _folder) = opened(Duration::from_millis(1));
+        let paused = source.next().unwrap_err().to_string();
+        assert!(paused.contains("/video gave no picture for 1 ms; start the program that writes"), "{paused}");
+        drop(writer);
+        let ended = source.next().unwrap_err().to_string();
+        assert!(ended.contains("/video has no writer any more; start the program that writes"), "{ended}");
+    }
+}

@@ -4,6 +4,14 @@
 
 mod common;
 
+use std::fs::File;
+use std::io::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::{JoinHandle, sleep, spawn};
+use std::time::Duration;
+
 use common::camera::{
     Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE,
     VIDEO_CAPTURE_MPLANE, clip_jpegs, clip_raw,
@@ -15,6 +23,7 @@ use facewire::capture::v4l2::{Layout, Store};
 use facewire_face::FaceBox;
 use facewire_face::stages::{Block, Border, CropShape, crop};
 use facewire_packet::{Packet, Reason, yaw_pitch_roll_deg};
+use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::io::Errno;
 use v4l::format::Quantization;
 use v4l::{Format, FourCC};
@@ -538,4 +547,53 @@ fn a_running_service_doubts_a_face_that_is_upside_down_and_says_which_rotation_m
     service.reload(&PATIENT.replace("[failsafe]", "rotation = 180\n[failsafe]"));
     eventually("an upright face", || service.status().contains("impaired_by=none") && !receiver.live().is_empty());
     assert!(service.status().contains(" proposed_rotation=none "), "{}", service.status());
+}
+
+/// Writes the images of the clip to a named pipe again and again, as a program that reads a camera does, until it ends.
+struct Feed {
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Feed {
+    fn start(pipe: &Path) -> Self {
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = Arc::clone(&is_over);
+        let pipe = pipe.to_owned();
+        let thread = spawn(move || {
+            let mut writer = File::options().write(true).open(pipe).unwrap();
+            for image in clip_jpegs(60).iter().cycle().take_while(|_| !over.load(Relaxed)) {
+                // Without a reader there is nothing to do.
+                if writer.write_all(image).is_err() {
+                    return;
+                }
+                sleep(Duration::from_millis(20));
+            }
+        });
+        Self { is_over, thread: Some(thread) }
+    }
+
+    fn end(mut self) {
+        self.is_over.store(true, Relaxed);
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+#[test]
+fn a_stream_through_a_named_pipe_is_a_camera_that_comes_back_with_its_writer() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("video");
+    mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    let feed = Feed::start(&pipe);
+    let machine = Cameras::with(&[]);
+    let (service, receiver) = machine.serve(&PATIENT.replace("auto", text(&pipe)));
+    receiver.live();
+    service.await_log(&format!("camera opened: {}: JPEG 640x480 at 30 fps", pipe.display()));
+    feed.end();
+    receiver.until(IS_NO_CAMERA);
+    service.await_log("video has no writer any more; start the program that writes JPEG images to it");
+    let again = Feed::start(&pipe);
+    receiver.live();
+    assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());
+    again.end();
 }

@@ -45,6 +45,9 @@ pub enum CaptureError {
     NotStopped { path: String, source: io::Error },
 }
 
+/// What is done with a device that may be no camera.
+pub(super) const IDENTIFYING: &str = "asking what it is";
+
 impl CaptureError {
     /// Converts the system's error about the device at `path`.
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
@@ -62,7 +65,9 @@ impl CaptureError {
                 "{path} cannot start, because its USB bus has no bandwidth left; give it a port of its own instead of a \
                  hub shared with other cameras or sound, set camera.format = \"mjpeg\", or choose a smaller picture"
             ),
-            _ if source.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => return Self::not_a_camera(&path),
+            _ if during == IDENTIFYING && source.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
+                return Self::not_a_camera(&path);
+            }
             _ => return Self::driver_failed(during, &source),
         })
     }
@@ -146,6 +151,14 @@ impl FrameFault {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_open_camera_that_refuses_a_call_is_a_camera_nevertheless() {
+        let sentence = |during| CaptureError::device(Path::new("/dev/video7"), during, Errno::NOTTY.into()).to_string();
+        assert!(sentence(IDENTIFYING).starts_with("/dev/video7 is not a camera"));
+        let refused = sentence("starting it");
+        assert!(refused.starts_with("the camera failed while starting it: "), "{refused}");
+    }
 
     #[test]
     fn a_bus_without_bandwidth_is_told_with_its_remedy() {

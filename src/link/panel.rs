@@ -59,7 +59,7 @@ impl Panel {
     pub fn refusal(&self) -> Option<String> {
         let error = Some(self.refusal.load(Relaxed)).filter(|error| *error != 0)?;
         let reason = io::Error::from_raw_os_error(error);
-        let remedy = "IPAddressAllow in the unit";
+        let remedy = "IPAddressAllow in the unit, or the firewall of this machine";
         Some(format!(
             "the network takes no packets ({reason}); check this machine's cable or Wi-Fi, the address, and {remedy}"
         ))

@@ -15,6 +15,7 @@ use v4l::framesize::FrameSizeEnum;
 use v4l::video::Capture;
 use v4l::{Device, FourCC, Fraction};
 
+use super::super::error::IDENTIFYING;
 use super::super::{CaptureError, FrameRate};
 use super::layout::PixelFormat;
 use super::mode::{Mode, Rates, Steps, Wish};
@@ -106,7 +107,7 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
     guarded(path, || {
         let node = video_node(path)?;
         let device = Device::with_path(&node).map_err(fail("opening it"))?;
-        let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
+        let (card, driver, is_usb) = match identity(&device, &node).map_err(fail(IDENTIFYING))? {
             // A camera that offers only unsupported formats is listed without modes.
             Identity::Camera { card, driver, is_usb } if device.format().is_ok() => (card, driver, is_usb),
             Identity::MultiPlanar { card } => {

@@ -22,9 +22,9 @@ const MOST_MODES = 4;
 // The clockwise turn that makes the picture upright.
 const MOUNTS = [
   [0, "Upright"],
-  [90, "On its side: turn the picture clockwise"],
+  [90, "On its side (90° clockwise)"],
   [180, "Upside down"],
-  [270, "On its side: turn the picture counterclockwise"],
+  [270, "On its side (90° counterclockwise)"],
 ];
 // The step that was open when the page was left.
 const left = { step: 0 };

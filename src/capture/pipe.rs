@@ -5,30 +5,40 @@
 //! that a reader finds its place in a stream that is already running.
 //!
 //! Contract: as of a camera. Of the images that have come, the newest whole one is decoded. A stream that ends or pauses is an
-//! error, after which the pipe must be opened again. Nothing allocates once the first image has come.
+//! error, after which the pipe must be opened again. Nothing allocates once the pipe is open.
 //!
-//! Limits: a frame counts as captured when its last byte is here.
+//! Limits: a frame counts as captured when its last byte is here. Images that wait in the writer because the pipe is full would
+//! look newer than they are, so that the pipe gets the greatest size that a user without privileges may give it.
 
+use std::fs;
 use std::fs::File;
 use std::io::{ErrorKind, Read as _};
+use std::mem::{replace, take};
 use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
-use std::{fs, mem::take};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::OFlags;
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
+use rustix::pipe::fcntl_setpipe_size;
 
 use super::delivery::{Arrival, Delivery, DeliveryCounter};
-use super::jpeg::{START_OF_IMAGE, image_length, image_size};
+use super::jpeg::{END_OF_IMAGE, START_OF_IMAGE, image_length, image_size};
 use super::v4l2::Wish;
-use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
+use super::{CaptureError, Content, Description, Frame, FrameFault, JpegDecoder, Source, Tally};
 use crate::clock::monotonic_us;
 
 /// Where `facewire-camera.service` writes the pictures of a Raspberry Pi's camera module.
 pub const MODULE: &str = "/run/facewire-camera/video";
 /// Time limit for the first image: the program may still start.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
+/// What comes within this time after the first image was captured before the pipe had a reader.
+const STALE: Duration = Duration::from_millis(300);
+/// Bytes that the pipe holds.
+const PIPE_BYTES: usize = 1 << 20;
+/// Room for the first image, whose size is not known.
+const FIRST_BYTES: usize = 4 << 20;
 /// Largest number of frames that are left out at once, so that a wish for a far later one is not waited for.
 const MAX_LEFT_OUT: u32 = 16;
 
@@ -42,9 +52,10 @@ pub struct PipeSource {
     /// What has come and was not decoded yet, up to `filled`.
     buffer: Box<[u8]>,
     filled: usize,
+    /// Up to here, the buffer has no end of an image that was not taken.
+    searched: usize,
     decoder: JpegDecoder,
     size: [usize; 2],
-    rate: FrameRate,
     /// Number of whole images that have come.
     taken: u64,
     /// Frames that came earlier are left out.
@@ -58,19 +69,22 @@ impl PipeSource {
     /// Opens the pipe, and waits for the first image, whose size the others must have.
     pub fn open(path: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let open = File::options().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
-        let pipe = open.map_err(|error| CaptureError::device(Path::new(path), "opening it", error))?;
-        let [width, height] = [wish.width, wish.height].map(|side| side as usize);
-        let decoder = JpegDecoder::new(width, height)?;
-        // Room for the newest image, and for the one before, until it has come.
-        let buffer = vec![0; 2 * decoder.max_jpeg_bytes()].into();
+        let fail = |error| CaptureError::device(Path::new(path), "opening it", error);
+        let pipe = open.map_err(fail)?;
+        // Two readers would get a part of the bytes each.
+        let lock = flock(&pipe, FlockOperation::NonBlockingLockExclusive);
+        lock.map_err(|error| fail(if error == Errno::WOULDBLOCK { Errno::BUSY } else { error }.into()))?;
+        // A pipe that cannot grow works, too.
+        let _ = fcntl_setpipe_size(&pipe, PIPE_BYTES);
+        let size = [wish.width, wish.height].map(|side| side as usize);
         let mut source = Self {
             path: path.to_owned(),
             pipe,
-            buffer,
+            buffer: vec![0; FIRST_BYTES].into(),
             filled: 0,
-            decoder,
-            size: [width, height],
-            rate: wish.rate,
+            searched: 0,
+            decoder: JpegDecoder::new(size[0], size[1])?,
+            size,
             taken: 0,
             wanted_us: 0,
             timeout: START_TIMEOUT,
@@ -79,64 +93,98 @@ impl PipeSource {
         };
         let [from, to] = source.await_image()?;
         let image = source.buffer.get(from..to).unwrap_or_default();
-        let [width, height] = image_size(image).unwrap_or(source.size);
-        source.discard(to);
-        source.decoder = JpegDecoder::new(width, height)?;
-        source.size = [width, height];
+        source.size = image_size(image).unwrap_or(source.size);
+        source.discard_stale(to)?;
+        source.decoder = JpegDecoder::new(source.size[0], source.size[1])?;
+        // Room for the newest image, and for the one before, until it has come.
+        let mut buffer = vec![0; 2 * source.decoder.max_jpeg_bytes()].into_boxed_slice();
+        source.filled = source.filled.min(buffer.len());
+        buffer.iter_mut().zip(&source.buffer).take(source.filled).for_each(|(to, from)| *to = *from);
+        source.buffer = buffer;
         source.timeout = timeout;
         Ok(source)
+    }
+
+    /// Discards what is before this place, and the images that come within [`STALE`].
+    fn discard_stale(&mut self, before: usize) -> Result<(), CaptureError> {
+        self.discard(before);
+        let deadline = Instant::now() + STALE;
+        while !self.wait(deadline)?.is_zero() {
+            self.read()?;
+            if let Some([_, to]) = self.newest() {
+                self.discard(to);
+            }
+            if self.filled == self.buffer.len() {
+                self.discard(self.filled);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until something comes, or until the deadline. Returns the time that is left then.
+    fn wait(&self, deadline: Instant) -> Result<Duration, CaptureError> {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let timeout = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+        let mut pipe = [PollFd::new(&self.pipe, PollFlags::IN)];
+        match poll(&mut pipe, Some(&timeout)) {
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(error) => return Err(CaptureError::driver_failed("sending frames", &error.into())),
+        }
+        // A writer that came and went is reported at once, again and again.
+        let [pipe] = pipe;
+        if pipe.revents() == PollFlags::HUP {
+            return Err(self.silent("has no writer any more"));
+        }
+        Ok(left)
     }
 
     /// Waits until a whole image is in the buffer, and reads what else has come. Returns where the newest whole image is.
     fn await_image(&mut self) -> Result<[usize; 2], CaptureError> {
         let deadline = Instant::now() + self.timeout;
         loop {
-            let has_ended = self.read()?;
+            self.read()?;
             if let Some(place) = self.newest() {
                 return Ok(place);
             }
-            if has_ended {
-                return Err(self.silent("has no writer any more"));
-            }
             if self.filled == self.buffer.len() {
-                self.filled = 0;
+                self.discard(self.filled);
                 return Err(self.fault(FrameFault::TooLarge));
             }
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() {
+            if self.wait(deadline)?.is_zero() {
                 return Err(self.silent(&format!("gave no picture for {} ms", self.timeout.as_millis())));
-            }
-            let wait = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
-            match poll(&mut [PollFd::new(&self.pipe, PollFlags::IN)], Some(&wait)) {
-                Ok(_) | Err(rustix::io::Errno::INTR) => {}
-                Err(error) => return Err(CaptureError::driver_failed("sending frames", &error.into())),
             }
         }
     }
 
-    /// Reads what has come, as far as there is room. Returns whether the last writer has closed the pipe.
-    fn read(&mut self) -> Result<bool, CaptureError> {
+    /// Reads what has come, as far as there is room.
+    fn read(&mut self) -> Result<(), CaptureError> {
         while let Some(room) = self.buffer.get_mut(self.filled..).filter(|room| !room.is_empty()) {
             match self.pipe.read(room) {
-                // Before the first writer there is nothing either.
-                Ok(0) => return Ok(self.taken > 0 || self.filled > 0),
+                // There is no writer, or not yet.
+                Ok(0) => return Ok(()),
                 Ok(count) => self.filled += count,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(CaptureError::driver_failed("sending frames", &error)),
             }
         }
-        Ok(false)
+        Ok(())
     }
 
     /// Finds the newest whole image, and counts those before it as skipped.
     fn newest(&mut self) -> Option<[usize; 2]> {
+        // An unfinished image is not looked through again each time that a part of it comes.
+        let from = replace(&mut self.searched, self.filled).saturating_sub(1);
+        self.buffer.get(from..self.filled)?.windows(2).find(|two| *two == END_OF_IMAGE)?;
         let mut newest = None;
+        let now_us = monotonic_us();
         let mut from = 0;
         while let Some(bytes) = self.buffer.get(from..self.filled)
             && let Some(start) = bytes.windows(2).position(|two| two == START_OF_IMAGE)
             && let Some(length) = bytes.get(start..).and_then(image_length)
         {
+            let sequence = self.taken as u32;
+            self.delivery.arrived(Arrival { sequence, captured_us: now_us, taken_us: now_us });
             self.taken += 1;
             self.tally.for_newer += u32::from(newest.is_some());
             newest = Some([from + start, from + start + length]);
@@ -149,6 +197,7 @@ impl PipeSource {
     fn discard(&mut self, before: usize) {
         self.buffer.copy_within(before.min(self.filled)..self.filled, 0);
         self.filled = self.filled.saturating_sub(before);
+        self.searched = 0;
     }
 
     fn fault(&mut self, fault: FrameFault) -> CaptureError {
@@ -168,8 +217,6 @@ impl Source for PipeSource {
         loop {
             let [from, to] = self.await_image()?;
             let captured_us = monotonic_us();
-            let arrival = Arrival { sequence: 0, captured_us, taken_us: captured_us };
-            self.delivery.arrived(arrival);
             if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
                 left_out += 1;
                 self.tally.left_out += 1;
@@ -202,7 +249,7 @@ impl Source for PipeSource {
 
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.size;
-        Description { origin: &self.path, format: "JPEG", width, height, rate: Some(self.rate) }
+        Description { origin: &self.path, format: "JPEG", width, height, rate: None }
     }
 }
 
@@ -216,6 +263,7 @@ mod tests {
     use tempfile::TempDir;
     use turbojpeg::Subsamp;
 
+    use super::super::FrameRate;
     use super::super::jpeg::tests::jpeg;
     use super::*;
 
@@ -247,8 +295,10 @@ mod tests {
     #[test]
     fn of_the_images_that_have_come_the_newest_whole_one_is_shown_without_an_allocation() {
         let (mut source, mut writer, _folder) = opened(PATIENCE);
-        assert_eq!(source.describe().to_string().rsplit_once(": ").unwrap().1, "JPEG 40x32 at 30 fps");
+        assert_eq!(source.describe().to_string().rsplit_once(": ").unwrap().1, "JPEG 40x32");
         let image = jpeg(40, 32, Subsamp::Sub2x2);
+        // A pipe of the usual size would not hold this.
+        writer.write_all(&vec![0; 100_000]).unwrap();
         let mut numbers = Vec::with_capacity(3);
         for _ in 0..3 {
             writer.write_all(&image.repeat(3)).unwrap();
@@ -282,6 +332,26 @@ mod tests {
         assert!(matches!(source.next(), Err(CaptureError::Frame { fault: FrameFault::TooLarge, .. })));
         assert!(source.next().unwrap().is_some());
         drop(long.join().unwrap());
+    }
+
+    #[test]
+    fn a_pipe_that_is_being_read_is_in_use_by_another_program() {
+        let (_source, _writer, folder) = opened(PATIENCE);
+        let path = folder.path().join("video");
+        let again = PipeSource::open(path.to_str().unwrap(), &WISH, PATIENCE).err().unwrap().to_string();
+        assert!(again.contains("/video is in use by another program"), "{again}");
+    }
+
+    #[test]
+    fn a_writer_that_comes_and_goes_without_a_picture_has_ended() {
+        let (_folder, path) = pipe();
+        let open = std::thread::spawn({
+            let path = path.clone();
+            move || PipeSource::open(path.to_str().unwrap(), &WISH, PATIENCE).err().unwrap().to_string()
+        });
+        drop(OpenOptions::new().write(true).open(&path).unwrap());
+        let ended = open.join().unwrap();
+        assert!(ended.contains("/video has no writer any more"), "{ended}");
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
 use std::thread::{self, Thread};
+use std::time::Duration;
 
 use facewire_packet::Reason;
 use triple_buffer::Input;
@@ -35,6 +36,13 @@ use facewire_face::{InferError, Model, Profile, Rotation, Tracker};
 const HOLD_US: u64 = 3_000_000;
 /// A try of another way to mount the camera takes the time of two frames, so that tries are some frames apart.
 const FRAMES_PER_TRY: u64 = 8;
+/// The same while no face was seen, which may be so for days.
+const FRAMES_PER_SEARCH: u64 = 32;
+/// The longest work on a frame after which another way is tried without a reason: with a try, it takes half of the time for
+/// which a face counts as live.
+const QUICK: Duration = Duration::from_millis(25);
+/// Time after which a better way to mount the camera is tried again, microseconds.
+const CONFIRM_US: u64 = 60_000_000;
 /// A single failed inference can be a moment without memory. After this many in a row, the networks are loaded again.
 const FAILURES_BEFORE_REMEDY: u32 = 8;
 /// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
@@ -95,6 +103,8 @@ pub(super) struct HotLoop {
     watch: Watch,
     /// Runs while it is tried which way the camera is mounted: from its opening on, and when the watch begins to doubt the face.
     mount: Option<MountTrial>,
+    /// When a way that was found to be better is tried again.
+    confirm_mount_us: u64,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
     rehearsed: ImpairmentSet,
 }
@@ -137,6 +147,7 @@ impl HotLoop {
             timing: FrameTiming::new(Arc::clone(&counters)),
             watch: Watch::new(HOLD_US),
             mount: None,
+            confirm_mount_us: 0,
             counters,
             rehearsed: ImpairmentSet::default(),
         }
@@ -205,7 +216,7 @@ impl HotLoop {
         self.timing.camera_opened(source, self.settings.camera.fps);
         self.outlets.loads.write(None);
         self.mount = Some(MountTrial::default());
-        self.counters.propose_rotation(None);
+        self.counters.withdraw_rotation(self.settings.camera.rotation);
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.forget_face();
         }
@@ -281,7 +292,10 @@ impl HotLoop {
         outlets.copier.copy(frame, processed.face.map(|face| face.landmarks));
         let Err(Rejected::Infer(error)) = processed.solved else {
             self.engine.ran();
-            self.try_mount(frame);
+            // A slow board would lose too many frames, unless there is a reason.
+            if between(begun_us, monotonic_us()) < QUICK || self.watch.is_doubtful() {
+                self.try_mount(frame);
+            }
             return Ok(());
         };
         add(&counters.engine_failures, 1);
@@ -295,23 +309,26 @@ impl HotLoop {
     /// Tries another turn of the picture from time to time while it is tried which way the camera is mounted. A failure of the
     /// networks will show in the next frame.
     fn try_mount(&mut self, frame: &Frame) {
-        if !self.counters.frames.load(Relaxed).is_multiple_of(FRAMES_PER_TRY) {
-            return;
-        }
+        let frames = self.counters.frames.load(Relaxed);
         let Self { pipeline: Some(Pipeline { tracker: Some(tracker), .. }), mount: Some(mount), .. } = self else {
             return;
         };
-        if let Some(picture) = frame.picture() {
+        let frames_per_try = if mount.has_seen_a_face() { FRAMES_PER_TRY } else { FRAMES_PER_SEARCH };
+        if let Some(picture) = frame.picture().filter(|_| frames.is_multiple_of(frames_per_try)) {
             let _ = mount.add(tracker, picture);
         }
     }
 
     /// Reports a better way to mount the camera once one was found. Begins to try when the face becomes doubtful.
     fn judge_mount(&mut self, was_doubtful: bool) {
-        if self.watch.is_doubtful() && !was_doubtful && !self.watch.is_turned {
+        let has_become_doubtful = self.watch.is_doubtful() && !was_doubtful && !self.watch.is_turned;
+        // The wearer may have been lying, or somebody may have turned the camera since.
+        let is_to_be_confirmed = self.watch.is_turned && monotonic_us() >= self.confirm_mount_us;
+        if self.mount.is_none() && (has_become_doubtful || is_to_be_confirmed) {
             self.mount = Some(MountTrial::default());
         }
         let Some(mount) = self.mount.take_if(|mount| mount.is_complete()) else { return };
+        self.confirm_mount_us = monotonic_us() + CONFIRM_US;
         let better = mount.best().filter(|best| *best != self.settings.camera.rotation);
         self.counters.propose_rotation(better);
         self.watch.is_turned = better.is_some();

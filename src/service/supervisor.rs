@@ -17,6 +17,7 @@ use crate::clock::monotonic_us;
 use crate::link::Panel;
 use crate::retry::{LoggedReasons, has_lasted};
 use facewire_board::{self as board, Hardware, Impairment, ImpairmentSet, Machine};
+use facewire_face::Rotation;
 
 const TICK: Duration = Duration::from_millis(50);
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
@@ -150,6 +151,8 @@ pub(super) struct Log {
     camera: String,
     is_open: bool,
     opened_at: Option<Instant>,
+    /// The rotation that was proposed last.
+    turned: Option<Rotation>,
     blind_reasons: LoggedReasons,
     /// Whether the camera opens and fails at once, again and again.
     flaps: bool,
@@ -180,10 +183,15 @@ impl Log {
                 "the camera driver's timestamps cannot be true: from now on each frame is dated by its arrival, so that its age is \
                  slightly underestimated; a newer driver or another camera may help"
             ),
-            Event::Turned(rotation) => tracing::warn!(
-                "the camera is mounted on its side or upside down: set camera.rotation = {}, which shows the face upright",
-                rotation.degrees()
-            ),
+            Event::Turned(rotation) => {
+                if self.turned.replace(rotation) != Some(rotation) {
+                    tracing::warn!(
+                        "the camera seems to be mounted on its side or upside down: set camera.rotation = {}, which shows the face \
+                         upright",
+                        rotation.degrees()
+                    );
+                }
+            }
             Event::Blind(what, reason) => {
                 let opened_for = self.opened_at.take().map(|opened_at| now.saturating_duration_since(opened_at));
                 if opened_for.is_some_and(has_lasted) {

@@ -15,7 +15,7 @@ const LEAST_LEAD: f32 = 2.5;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MountTrial {
     sums: [f32; Rotation::ALL.len()],
-    /// Rounds before the first face do not count.
+    /// A round before the first face, in whatever direction, does not count.
     tries: usize,
 }
 
@@ -27,10 +27,14 @@ impl MountTrial {
         if let Some((rotation, sum)) = Rotation::ALL.into_iter().zip(&mut self.sums).nth(turn) {
             *sum += tracker.upright_score(&Picture { rotation, ..*picture })?;
         }
-        if self.tries == self.sums.len() && self.sums.iter().all(|sum| *sum == 0.0) {
+        if self.tries == self.sums.len() && !self.has_seen_a_face() {
             self.tries = 0;
         }
         Ok(())
+    }
+
+    pub fn has_seen_a_face(&self) -> bool {
+        self.sums.iter().any(|sum| *sum > 0.0)
     }
 
     pub fn is_complete(&self) -> bool {

@@ -82,13 +82,16 @@ pub(in super::super) fn image_size(jpeg: &[u8]) -> Option<[usize; 2]> {
 /// `None` if neither is there yet.
 pub(in super::super) fn image_length(bytes: &[u8]) -> Option<usize> {
     let mut image = Image { jpeg: bytes, ..Image::default() };
+    // Some cameras begin an image twice.
+    let mut has_segments = false;
     loop {
         match image.marker(usize::MAX).ok()? {
             marker::END_OF_IMAGE => return Some(image.at),
-            marker::START_OF_IMAGE if image.at > START_OF_IMAGE.len() => return Some(image.at - START_OF_IMAGE.len()),
+            marker::START_OF_IMAGE if has_segments => return Some(image.at - START_OF_IMAGE.len()),
             marker::TEMPORARY | marker::RESTART_0..=marker::START_OF_IMAGE => {}
             _ => {
                 image.segment().ok()?;
+                has_segments = true;
             }
         }
     }

@@ -202,7 +202,7 @@ fn a_kill_at_any_step_of_keeping_leaves_the_old_settings_or_the_new_ones() {
     assert!(kills > 12 && kept > 1 && kept < kills, "{kills} kills, after {kept} of which the new settings were there");
 }
 
-/// Attaches strace to the present threads of a process, and injects a fault into a system call from now on. Returns `None` with
+/// Attaches strace to the threads of a process, also to those that it starts later, and injects a fault into a system call from now on. Returns `None` with
 /// a note where that is not possible.
 fn inject(pid: u32, call: &str, fault: &str) -> Option<Child> {
     let (trace, inject) = (format!("trace={call}"), format!("inject={fault}"));
@@ -212,11 +212,12 @@ fn inject(pid: u32, call: &str, fault: &str) -> Option<Child> {
         return None;
     }
     tracer = Command::new("strace");
-    tracer.args(["-o", "/dev/null", "-e", &trace, "-e", &inject]);
+    tracer.args(["-f", "-o", "/dev/null", "-e", &trace, "-e", &inject]);
     let threads: Vec<_> = fs::read_dir(format!("/proc/{pid}/task")).unwrap().map(|thread| thread.unwrap()).collect();
     tracer.args(threads.iter().flat_map(|thread| ["-p".into(), thread.file_name()]));
     let mut tracer = tracer.stderr(Stdio::piped()).spawn().unwrap();
-    let lines = BufReader::new(tracer.stderr.take().unwrap()).lines();
+    // strace goes on writing there.
+    let lines = BufReader::new(tracer.stderr.as_mut().unwrap()).lines();
     let lines: Vec<_> = lines.map_while(Result::ok).take(threads.len()).collect();
     if lines.len() == threads.len() && lines.iter().all(|line| line.contains("attached")) {
         return Some(tracer);

@@ -318,7 +318,10 @@ mod tests {
         let (mut source, mut writer, _folder) = opened(PATIENCE);
         let image = jpeg(40, 32, Subsamp::Sub2x2);
         let other = jpeg(64, 48, Subsamp::Sub2x2);
-        for damaged in [&image[..image.len() - 60], &other, &[0xff, 0xd8, 0xff, 0xd9]] {
+        // An image that breaks off shows once the next one has come, and gives way to it.
+        writer.write_all(&[&image[..image.len() - 60], &image].concat()).unwrap();
+        assert!(source.next().unwrap().is_some());
+        for damaged in [&other[..], &[0xff, 0xd8, 0xff, 0xd9]] {
             writer.write_all(&[damaged, &[0xff, 0xd8]].concat()).unwrap();
             assert!(matches!(source.next(), Err(CaptureError::Frame { .. })), "{} bytes", damaged.len());
             writer.write_all(&image[2..]).unwrap();

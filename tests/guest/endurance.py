@@ -20,6 +20,8 @@ from receivers import Datagrams, Lag, SerialEnd, Service, await_that, monotonic
 # the camera this guest may take as much longer as another program takes for the camera's first frame, and for both as
 # much longer as a program that only sleeps wakes up late.
 BACK_S = 1.5
+# A line that fails sooner after its opening is opened more rarely, and logged once it lasts.
+LASTS_S = 1.2
 # Longest time between two packets of a face that is neutral, and what emulation may add to it, in seconds.
 PERIOD_S = 0.1
 SLACK_S = 0.25
@@ -184,6 +186,7 @@ class Bench:
 
     def round(self, number):
         """Unplugs both and plugs them in again."""
+        time.sleep(LASTS_S)
         at_once, is_kept = number % 4 == 0, number % 5 == 2
         serial_gone = self.serial.pull(is_kept) if at_once else None
         camera_gone = self.pull_camera(is_kept)

@@ -16,7 +16,11 @@ use crate::clock::monotonic_us;
 /// The setting that every camera fits.
 pub const AUTO: &str = "auto";
 /// What nobody would guess of the camera that most owners of a Raspberry Pi have.
-const MODULE_HINT: &str = " (a Raspberry Pi's camera module needs `systemctl enable --now facewire-camera`)";
+const MODULE_HINT: &str = if cfg!(any(target_arch = "aarch64", target_arch = "arm")) {
+    " (a Raspberry Pi's camera module needs `systemctl enable --now facewire-camera`)"
+} else {
+    ""
+};
 /// Time after which no further camera is tried in one call: a silent one takes seconds, and the service's watchdog waits.
 const TRY_FOR_US: u64 = 10_000_000;
 

@@ -14,8 +14,8 @@ use crate::channel::{Channel, ChannelSettings, values};
 pub struct Operator {
     /// No servo gets pulses but the one that is jogged.
     pub is_released: AtomicBool,
-    /// The value of `is_released` that all links were told last.
-    pub told_released: AtomicBool,
+    /// The value of `is_released` that all links have received last.
+    pub released_at_links: AtomicBool,
     /// When the last line of the client that drives expires: time of the monotonic clock, microseconds.
     pub driven_until_us: AtomicU64,
     /// Whether that time has not come yet, as the sender sees it.
@@ -40,7 +40,9 @@ impl Dials {
             Dial { number: channel.number, name, ..Dial::default() }
         };
         let channels = sorted(settings).iter().map(dial).collect();
-        Self { channels, operator: Arc::clone(operator), ..Self::default() }
+        // Whoever drives while settings bring a new board has said nothing about it yet.
+        let is_still = AtomicBool::new(true);
+        Self { channels, operator: Arc::clone(operator), is_still, has_released: AtomicBool::new(false) }
     }
 
     /// Whether the board has acknowledged the operator's release.
@@ -268,6 +270,32 @@ mod tests {
         assert_eq!(place(&mut board, &after), Some(2000.0), "it has left the hand");
         operator.is_driven.store(false, Relaxed);
         assert_eq!(place(&mut board, &after), Some(1000.0), "it follows the face again");
+    }
+
+    #[test]
+    fn a_board_that_is_new_while_an_operator_drives_stays_at_rest_and_follows_the_face_afterwards() {
+        let settings = [ChannelSettings {
+            channel: 1,
+            sources: valued(&[("jawOpen", 1.0)]),
+            pulse_at_1_us: 2000,
+            neutral: 0.5,
+            ..ChannelSettings::default()
+        }];
+        let operator = Arc::<Operator>::default();
+        operator.is_driven.store(true, Relaxed);
+        let dials = Arc::new(Dials::new(&settings, &operator));
+        let mut board = Board::new(&settings, &dials);
+        let mut open = Packet { state: State::Live, ..Packet::NEUTRAL };
+        open.coefficients[17] = 1.0;
+        let mut now = Instant::now();
+        let mut place = || {
+            now += std::time::Duration::from_millis(100);
+            board.follow(&open, now);
+            dials.channels[0].place.get()
+        };
+        assert_eq!([place(), place()], [Some(1500.0); 2]);
+        operator.is_driven.store(false, Relaxed);
+        assert_eq!([place(), place()], [Some(2000.0); 2]);
     }
 
     #[test]

@@ -181,8 +181,8 @@ fn show(progress: &Progress, last: &mut Option<Progress>) -> Result<(), Failure>
     let shown = lines(progress);
     if !io::stdout().is_terminal() {
         let [task, _, state] = shown;
-        let is_told = last.is_some_and(|last| last.says_the_same(progress));
-        return if is_told { Ok(()) } else { print(&format!("{task}: {}\n", state.trim_start())) };
+        let is_shown = last.is_some_and(|last| last.says_the_same(progress));
+        return if is_shown { Ok(()) } else { print(&format!("{task}: {}\n", state.trim_start())) };
     }
     let begin = match last {
         Some(_) => "\x1b[3F", // to the beginning of the line three lines above

@@ -117,7 +117,7 @@ impl Sender {
         self.counters.set_state(output.state);
         let is_released = self.counters.traffic.operator.is_released.load(Relaxed);
         let wait_us = self.links.offer(now_us, output);
-        self.counters.traffic.operator.told_released.store(is_released, Relaxed);
+        self.counters.traffic.operator.released_at_links.store(is_released, Relaxed);
         self.counters.links_open.store(self.links.each().filter(|(_, link)| link.is_open()).count() as u64, Relaxed);
         self.shown.publish(|| packet(output, 0));
         wait_us
@@ -434,7 +434,7 @@ mod tests {
         for is_released in [true, false].into_iter().cycle().take(21) {
             operator.is_released.store(is_released, Relaxed);
             sender.step(&mut history, monotonic_us());
-            assert_eq!(operator.told_released.load(Relaxed), is_released, "the next round obeys");
+            assert_eq!(operator.released_at_links.load(Relaxed), is_released, "the next round obeys");
             eventually("the servo obeys", || panel.dials.channels[0].place.get().is_none() == is_released);
         }
         const { assert!(MAX_SLEEP_US <= 100_000, "even if nothing wakes the sender, the next round begins in time") };

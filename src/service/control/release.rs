@@ -44,8 +44,8 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
             if operator.is_released.load(Relaxed) {
                 return refused("an operator has released all servos meanwhile");
             }
-            let is_told = !operator.told_released.load(Relaxed);
-            is_told.then(|| (Reply::Done(done.to_owned()), Vec::new()))
+            let has_arrived = !operator.released_at_links.load(Relaxed);
+            has_arrived.then(|| (Reply::Done(done.to_owned()), Vec::new()))
         }));
     }
     tracing::info!("an operator releases all servos");
@@ -58,10 +58,10 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
         }
         let boards = counters.panels().into_iter().filter(|panel| panel.kind.moves_servos());
         let (reached, missed): (Vec<_>, Vec<_>) = boards.partition(|panel| panel.dials.has_released());
-        let is_told = operator.told_released.load(Relaxed);
+        let has_arrived = operator.released_at_links.load(Relaxed);
         is_kept = is_kept.take().or_else(|| poll_outcome(&keeping));
-        let is_over = (is_told && missed.is_empty() && is_kept.is_some()) || Instant::now() >= end;
-        is_over.then(|| (outcome(is_told, &reached, &missed, is_kept.as_ref()), Vec::new()))
+        let is_over = (has_arrived && missed.is_empty() && is_kept.is_some()) || Instant::now() >= end;
+        is_over.then(|| (outcome(has_arrived, &reached, &missed, is_kept.as_ref()), Vec::new()))
     }))
 }
 
@@ -72,12 +72,12 @@ fn refused(why: &str) -> Option<Answer> {
 /// What the operator must know: which boards have not acknowledged the release, which ones cannot, and whether the release
 /// outlives the service.
 fn outcome(
-    is_told: bool,
+    has_arrived: bool,
     reached: &[Arc<Panel>],
     missed: &[Arc<Panel>],
     is_kept: Option<&Result<Result<(), String>, String>>,
 ) -> Reply {
-    if !is_told {
+    if !has_arrived {
         tracing::warn!("servos are not released: the thread that sends is stuck");
         return Reply::Refused(
             "the service is stuck. Switch the supply of the servos off, and restart the service".to_owned(),

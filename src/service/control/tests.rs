@@ -235,7 +235,7 @@ fn a_disk_that_takes_a_profile_slowly_holds_up_no_release() {
     follow(&mut rig, &mut answers);
     let mut list = rig.begin(Request::List {});
     let mut release = rig.begin(Request::Release { on: true });
-    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.peers.counters.traffic.operator.released_at_links.store(true, Relaxed);
     rig.server.peers.keeper.load(|| ()).unwrap();
     rig.server.serve();
     assert!(matches!(release.next(), Some(Reply::Done(_))) && answers.next().is_none() && list.next().is_none());
@@ -258,7 +258,7 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
     rig.server.peers.counters.set_panels(links.panels());
     let Some(Reply::Refused(stuck)) = rig.release() else { panic!("nobody has told the links") };
     assert!(stuck.contains("stuck"), "{stuck}");
-    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.peers.counters.traffic.operator.released_at_links.store(true, Relaxed);
     node.dials.note_released(true);
     let Some(Reply::Refused(missed)) = rig.release() else { panic!("a board is away") };
     assert!(
@@ -275,7 +275,7 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
 fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
     let mut rig = Rig::new();
     fs::write(rig.folder.path().join("state"), "no folder").unwrap();
-    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.peers.counters.traffic.operator.released_at_links.store(true, Relaxed);
     let mut answers = rig.ask(Request::Release { on: true });
     let Some(Reply::Done(done)) = answers.next() else { panic!("nothing moves") };
     assert!(done.starts_with("servos get no pulses. After a restart the service will not know"), "{done}");
@@ -295,7 +295,7 @@ fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
 fn of_two_who_release_servos_and_let_them_move_at_once_the_first_is_told_of_the_second() {
     for on in [true, false] {
         let mut rig = Rig::new();
-        rig.server.peers.counters.traffic.operator.told_released.store(!on, Relaxed);
+        rig.server.peers.counters.traffic.operator.released_at_links.store(!on, Relaxed);
         let mut first = rig.begin(Request::Release { on });
         let _second = rig.begin(Request::Release { on: !on });
         rig.server.serve();
@@ -734,7 +734,7 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
     assert!(release.next().is_none(), "the links have not been told");
     let kept = rig.server.kept.clone();
     assert!(kept.released_since().is_some(), "a restarted service would give servos pulses");
-    rig.server.peers.counters.traffic.operator.told_released.store(true, Relaxed);
+    rig.server.peers.counters.traffic.operator.released_at_links.store(true, Relaxed);
     rig.server.serve();
     assert!(matches!(release.next(), Some(Reply::Done(_))));
     rig.ask(Request::Release { on: false });

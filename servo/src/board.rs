@@ -345,6 +345,8 @@ mod tests {
         let settings = [settings(3, AtLoss::Neutral), settings(1, AtLoss::Release)];
         let (operator, mut now) = (Arc::<Operator>::default(), Instant::now());
         let dials = Arc::new(Dials::new(&settings, &operator));
+        // The driver wants the servos that it does not jog to follow the face.
+        dials.keep_still(false);
         let mut board = Board::new(&settings, &dials);
         let mut follow = |seconds: u64, jaw_open: f32| {
             let mut packet = Packet { state: State::Live, ..Packet::NEUTRAL };
@@ -381,6 +383,7 @@ mod tests {
         let settings = [limited(1, 0.0), limited(2, 2.0)];
         let operator = Arc::<Operator>::default();
         let dials = Arc::new(Dials::new(&settings, &operator));
+        dials.keep_still(false);
         let mut board = Board::new(&settings, &dials);
         let mut now = Instant::now();
         operator.is_driven.store(true, Relaxed);

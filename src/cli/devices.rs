@@ -9,7 +9,7 @@ use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print, say};
 use crate::capture::v4l2::{Camera, Found, cameras};
-use crate::link::{lost, open_port};
+use crate::link::{lost, open_port, serial_ports};
 use facewire_board::{Attached, attached, links_to};
 use facewire_servo::bus::{Protocol, find};
 
@@ -35,7 +35,7 @@ struct Port {
 
 pub fn run(as_json: bool) -> Result<(), Failure> {
     let found = cameras();
-    let ports = serialport::available_ports().unwrap_or_default();
+    let ports = serial_ports();
     let ports: Vec<Port> = ports.iter().map(|port| Port::new(port, &PORT_LINKS)).collect();
     if as_json {
         return print(&format!("{:#}\n", listed(&found, &ports)));

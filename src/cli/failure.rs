@@ -43,9 +43,13 @@ impl Failure {
     /// A file could not be written. A closed pipe is not a failure, because its reader has read enough.
     pub fn unwritable(path: &Path, error: &io::Error) -> Self {
         let remedy = match error.kind() {
+            ErrorKind::AlreadyExists => {
+                let message =
+                    format!("{} exists already; give another name, or remove that file first", path.display());
+                return Self { status: EX_IOERR, message };
+            }
             ErrorKind::BrokenPipe => return Self { status: 0, message: String::new() },
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or write to another disk",
-            ErrorKind::AlreadyExists => "give another name, or remove that file first",
             _ if path == Path::new(STANDARD_OUTPUT) => "check where it goes",
             _ => "check the folder, its permissions and the disk",
         };

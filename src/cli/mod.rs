@@ -7,6 +7,8 @@ mod failure;
 pub mod log;
 
 use std::ffi::OsString;
+use std::io::{self, IsTerminal as _};
+use std::net::SocketAddr;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{self, ExitCode};
@@ -17,7 +19,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser};
 
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, LinkSettings, Settings};
+use crate::config::{self, Faults, LinkKind, LinkSettings, Settings, UdpSettings};
 use crate::link::{check_settings, release_servos};
 use crate::service::{self, Kept};
 use facewire_board::{self as board, Machine};
@@ -161,6 +163,7 @@ impl Command {
             Self::Run(arguments) => {
                 let settings = arguments.load()?;
                 let level = log::start(settings.log.level);
+                announce(&settings.links);
                 // This fails only after the log has been dropped.
                 let set_log_level = move |wanted| drop(level.reload(wanted));
                 let config = arguments.config.as_ref().map(|path| path.display().to_string());
@@ -180,6 +183,21 @@ impl Command {
                 print(link.as_deref().unwrap_or(config::DEFAULTS))
             }
         }
+    }
+}
+
+/// Says where the datagrams go, and how somebody who has started the service in a terminal can see them. Other links say that
+/// they are open, and those to host names say which address that is.
+fn announce(links: &[LinkSettings]) {
+    let is_monitored = LinkKind::Udp(UdpSettings::default());
+    for link in links {
+        let Some(address) = link.kind.address() else { continue };
+        if address.as_str().parse::<SocketAddr>().is_err() {
+            continue;
+        }
+        let is_seen = link.kind == is_monitored && io::stderr().is_terminal();
+        let hint = if is_seen { ", where `facewire monitor` shows them" } else { "" };
+        tracing::info!("link {}: packets go to {address}{hint}", link.kind.name());
     }
 }
 

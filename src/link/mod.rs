@@ -38,7 +38,7 @@ pub use self::output::{Output, Pace};
 pub use self::panel::{Panel, Traffic};
 pub use self::release::release_servos;
 use self::serial::PortClaim;
-pub use self::serial::{PortSearch, lost, open_port, serial_carrier};
+pub use self::serial::{PortSearch, lost, open_port, serial_carrier, serial_ports};
 pub use self::udp::UdpCarrier;
 use crate::config::{JsonSettings, JsonTarget, LinkKind, LinkSettings};
 

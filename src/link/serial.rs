@@ -33,8 +33,8 @@ use rustix::io::Errno;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
-pub use self::board::PortSearch;
 use self::board::restarts_board;
+pub use self::board::{PortSearch, serial_ports};
 use super::background::{Background, Device};
 use super::{LinkError, LinkErrorKind, Panel};
 use crate::config::{LinkKind, MaestroSettings, SerialDevice};

@@ -12,6 +12,7 @@ pub use self::figures::cpu_time;
 use self::figures::{Samples, constant_work, interruptions, peak_memory_mb, quantile};
 use self::layers::Layers;
 use crate::input::{self, USUAL_SIZE_PX};
+use crate::progress::ProgressLine;
 use facewire::capture::{DEMO, FrameRate};
 use facewire::cli::{Failure, SettingsArgs, print};
 use facewire::config::{CameraSettings, Choice as _, NetworkSettings, Settings};
@@ -68,16 +69,21 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         let sensors = Sensors::find(&board::root(), &settings.hardware);
         (sensors.read(0.0).0, sensors)
     });
-    let source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?;
+    let source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?.source;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
     pipeline.set_turns(args.step.has_turns());
+    // It draws nothing while something is measured.
+    let mut progress = ProgressLine::new();
+    progress.draw(None, "a round to warm up");
     play(&mut pipeline, args, &mut Samples::default())?;
     let mut samples = Samples::default();
-    for _ in 0..args.rounds {
+    for round in 1..=args.rounds {
+        progress.draw(None, format_args!("round {round} of {}", args.rounds));
         measure(&mut pipeline, args, &mut samples)?;
     }
+    drop(progress);
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
@@ -122,7 +128,7 @@ fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> 
 
 /// Plays the input once, and keeps the durations of the stages of each frame that has a solution.
 fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
-    let mut source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?;
+    let mut source = input::open(&args.input, FrameRate::FPS_30, USUAL_SIZE_PX)?.source;
     pipeline.forget_face();
     loop {
         let begun = Instant::now();

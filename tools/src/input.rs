@@ -3,7 +3,7 @@
 mod y4m;
 
 use std::fs::File;
-use std::io::{self, BufRead as _, BufReader, Cursor, ErrorKind, Read as _};
+use std::io::{self, BufRead as _, BufReader, Cursor, ErrorKind, Read};
 use std::path::Path;
 
 use facewire::capture::{AviSource, CaptureError, Clip, Content, DEMO, Description, Frame, FrameRate, Source};
@@ -13,6 +13,7 @@ use facewire_packet::Reason;
 use npyz::{DType, DTypeError, NpyFile, Order, TypeChar};
 
 use self::y4m::Y4mSource;
+use crate::progress::ShareRead;
 
 const BUFFER_BYTES: usize = 64 * 1024;
 /// Size of the picture in which the landmarks of a `.npy` file were found, unless an argument tells another.
@@ -27,30 +28,40 @@ const MAX_BRACKETS: usize = 2;
 /// Lengths that have so few digits together have a product that fits 64 bits.
 const MAX_DIGITS: usize = 19;
 
+/// A file that was opened, and how much of it was read.
+pub(crate) struct Input {
+    pub source: Box<dyn Source>,
+    pub read: ShareRead,
+}
+
 /// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film or a
 /// recording by its content. A file that states no rate has the given one.
-pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Result<Box<dyn Source>, CaptureError> {
+pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Result<Input, CaptureError> {
+    let unmeasured = |source| Ok(Input { source, read: ShareRead::default() });
     if input == DEMO {
-        return Ok(Box::new(Clip::once()?));
+        return unmeasured(Box::new(Clip::once()?));
     }
     if input == "-" {
         let stream = BufReader::with_capacity(BUFFER_BYTES, io::stdin());
-        return Ok(Box::new(Y4mSource::open(stream, "standard input", rate)?));
-    }
-    if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
-        return Ok(Box::new(FaceSource::points(input, rate, points_size_px)?));
+        return unmeasured(Box::new(Y4mSource::open(stream, "standard input", rate)?));
     }
     let cannot = |error| CaptureError::unopened(input, &error);
-    let mut reader = BufReader::with_capacity(BUFFER_BYTES, File::open(input).map_err(cannot)?);
-    match reader.fill_buf().map_err(cannot)? {
-        [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, input, rate)?)),
-        [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(FaceSource::recording(input)?)),
-        [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, input, rate)?)),
+    let file = File::open(input).map_err(cannot)?;
+    let read = ShareRead::of(file.metadata().map_err(cannot)?.len());
+    let mut reader = BufReader::with_capacity(BUFFER_BYTES, read.count(file));
+    if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
+        return Ok(Input { source: Box::new(FaceSource::points(reader, input, rate, points_size_px)?), read });
+    }
+    let source: Box<dyn Source> = match reader.fill_buf().map_err(cannot)? {
+        [b'R', b'I', b'F', b'F', ..] => Box::new(AviSource::open(reader, input, rate)?),
+        [b'F', b'W', b'R', b'E', b'C', ..] => Box::new(FaceSource::recording(reader, input)?),
+        [b'Y', b'U', b'V', b'4', ..] => Box::new(Y4mSource::open(reader, input, rate)?),
         _ => {
             let remedy = format!("convert it with `ffmpeg -i {input} -c:v mjpeg -q:v 3 out.avi`");
-            Err(CaptureError::BadFile(format!("{input} is neither an AVI nor a y4m file; {remedy}")))
+            return Err(CaptureError::BadFile(format!("{input} is neither an AVI nor a y4m file; {remedy}")));
         }
-    }
+    };
+    Ok(Input { source, read })
 }
 
 /// The landmarks in a file: a recording, or a `.npy` file.
@@ -65,10 +76,10 @@ struct FaceSource {
 }
 
 impl FaceSource {
-    fn recording(path: &str) -> Result<Self, CaptureError> {
+    fn recording(file: impl Read + 'static, path: &str) -> Result<Self, CaptureError> {
         let origin = path.to_owned();
         let unreadable = move |error: RecordingError| CaptureError::BadFile(format!("{origin}: {error}"));
-        let mut reader = Reader::open(Path::new(path)).map_err(&unreadable)?;
+        let mut reader = Reader::new(file).map_err(&unreadable)?;
         let first = reader.next_frame().map_err(&unreadable)?;
         let size_px = first.as_ref().map_or([0; 2], |frame| frame.size_px);
         let others = std::iter::from_fn(move || reader.next_frame().map_err(&unreadable).transpose());
@@ -78,13 +89,17 @@ impl FaceSource {
 
     /// Opens a `.npy` file of frames x 478 x 3 numbers, in pixels of pictures of this size. A frame with a number that is
     /// not finite shows no face.
-    fn points(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
-        let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
+    fn points(
+        mut file: impl Read + 'static,
+        path: &str,
+        rate: FrameRate,
+        size_px: [u16; 2],
+    ) -> Result<Self, CaptureError> {
         let needs = "it must hold frames x 478 x 3 floating-point numbers of 32 or 64 bits in C order";
         let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
         let mut start = Vec::new();
-        reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
-        let npy = is_plain(&start).then(|| NpyFile::new(Cursor::new(start).chain(reader)).ok()).flatten();
+        file.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
+        let npy = is_plain(&start).then(|| NpyFile::new(Cursor::new(start).chain(file)).ok()).flatten();
         let npy = npy.ok_or_else(|| refuse("is not a .npy file of plain numbers"))?;
         let [count, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
         if npy.order() != Order::C {
@@ -188,7 +203,7 @@ mod tests {
     use crate::track::write_npy;
 
     fn opened(input: &str) -> Result<Box<dyn Source>, CaptureError> {
-        open(input, FrameRate::FPS_30, USUAL_SIZE_PX)
+        Ok(open(input, FrameRate::FPS_30, USUAL_SIZE_PX)?.source)
     }
 
     /// The depths of the irises that a frame shows after it went through a file. All other points have depth 6.

@@ -4,6 +4,7 @@
 mod bench;
 mod input;
 mod monitor;
+mod progress;
 mod record;
 mod replay;
 mod servo;

@@ -16,6 +16,7 @@ use base64::{Engine as _, prelude::BASE64_STANDARD};
 use clap::Args;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use crate::progress::{ProgressLine, clock};
 use facewire::cli::{Failure, SettingsArgs, say};
 use facewire::pipeline::{Pipeline, load_profile};
 use facewire::recording::{Recorded, Writer};
@@ -153,6 +154,7 @@ fn record(
     let mut first = None::<Instant>;
     let mut told = Instant::now();
     let mut faces = 0_u64;
+    let mut progress = ProgressLine::new();
     let mut keep_all = || {
         let is_long = |first: Instant| args.seconds.is_some_and(|longest_s| first.elapsed().as_secs() >= longest_s);
         while !stop.load(Relaxed) && !first.is_some_and(is_long) {
@@ -162,15 +164,21 @@ fn record(
                 say(format_args!("the file is full: --max-mb allows {} MB", args.max_mb));
                 break;
             }
-            faces += u64::from(frame.landmarks.is_some());
-            if told.elapsed() >= PROGRESS_PERIOD {
+            let has_face = frame.landmarks.is_some();
+            faces += u64::from(has_face);
+            let face = if has_face { "a face is seen" } else { "no face is seen" };
+            let time = clock(first.map_or(0, |first| first.elapsed().as_secs()));
+            if progress.is_shown() {
+                progress.draw(None, format_args!("{time}, {face}, {} frames, {faces} with a face", writer.frames()));
+            } else if told.elapsed() >= PROGRESS_PERIOD {
                 told = Instant::now();
-                say(format_args!("{} frames, {faces} with a face", writer.frames()));
+                say(format_args!("{time}, {face}, {} frames, {faces} with a face", writer.frames()));
             }
         }
         Ok(())
     };
     let outcome = keep_all();
+    drop(progress);
     let bytes = writer.finish().map_err(unwritable)?;
     let frames = writer.frames();
     let path = &args.file;

@@ -10,7 +10,8 @@ use clap::{Args, ValueEnum};
 use facewire_packet::{BLENDSHAPES, yaw_pitch_roll_deg};
 use npyz::WriterBuilder as _;
 
-use crate::input;
+use crate::input::{self, Input};
+use crate::progress::{ProgressLine, ShareRead};
 use facewire::calibration::WearerName;
 use facewire::capture::{FrameFault, FrameRate, Source};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
@@ -101,7 +102,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
         None => load_profile(&settings.wearer, &settings.solver)?.0,
         Some(_) => Profile::default(),
     };
-    let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
+    let Input { source, read } = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     pipeline.solver.profile = profile;
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);
@@ -113,8 +114,12 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     };
     let playback = Playback::new(pipeline, &settings.failsafe);
     let out = BufWriter::new(out);
+    let progress = ProgressLine::new();
+    let progress = if args.out.is_some() { progress } else { progress.beside_standard_output() };
     let mut track = Track {
         source,
+        read,
+        progress: Some(progress),
         playback,
         args,
         out,
@@ -133,6 +138,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     }
     let begun = Instant::now();
     let outcome = track.all();
+    track.progress = None;
     // The rows before an error of the input are kept.
     if let Some(path) = &args.landmarks {
         write_npy(path, &track.landmarks).map_err(|error| Failure::unwritable(path, &error))?;
@@ -151,6 +157,9 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
 
 struct Track<'a> {
     source: Box<dyn Source>,
+    read: ShareRead,
+    /// It is there until all frames were read.
+    progress: Option<ProgressLine>,
     playback: Playback,
     args: &'a TrackArgs,
     out: BufWriter<Box<dyn Write>>,
@@ -212,6 +221,9 @@ impl Track<'_> {
         if frames <= range.start {
             return Err(refuse(format!("the input has {frames} frames; give a range within them")));
         }
+        if frames < range.end {
+            say(format_args!("--neutral {}..{}: the input has only {frames} frames", range.start, range.end));
+        }
         let neutral = Some(neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?);
         self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
         read.iter().try_for_each(|face| self.frame(face).map(drop))
@@ -242,8 +254,11 @@ impl Track<'_> {
         self.damaged += u64::from(face.fault.is_some());
         self.fault = face.fault.or(self.fault);
         self.is_readable |= face.fault.is_none();
-        if self.frames.is_multiple_of(PROGRESS_FRAMES) {
-            say(self.summary());
+        let summary = self.summary();
+        match self.progress.as_mut().filter(|progress| progress.is_shown()) {
+            Some(progress) => progress.draw(self.read.share(), summary),
+            None if self.frames.is_multiple_of(PROGRESS_FRAMES) => say(summary),
+            None => {}
         }
         let mut pose = shown.pose;
         if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.args.stage) {

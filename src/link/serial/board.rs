@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use facewire_board::{Attached, UsbId, attached, links_to, restarts};
-use serialport::{SerialPortType, available_ports};
+use serialport::{SerialPortInfo, SerialPortType, available_ports};
 
 use crate::config::SerialDevice;
 use crate::link::{LinkError, LinkErrorKind};
@@ -91,11 +91,16 @@ fn joined(ports: &[PathBuf]) -> String {
     ports.iter().map(|port| port.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-/// Lists the serial ports of USB devices by their nodes.
-fn usb_ports() -> impl Iterator<Item = (PathBuf, UsbId)> {
+/// Lists all serial ports. There is none if the system cannot list them.
+pub fn serial_ports() -> Vec<SerialPortInfo> {
     // `available_ports` panics if this folder cannot be read.
     let ports = fs::read_dir("/sys/class/tty").ok().and_then(|_| available_ports().ok());
-    ports.unwrap_or_default().into_iter().filter_map(|port| match port.port_type {
+    ports.unwrap_or_default()
+}
+
+/// Lists the serial ports of USB devices by their nodes.
+fn usb_ports() -> impl Iterator<Item = (PathBuf, UsbId)> {
+    serial_ports().into_iter().filter_map(|port| match port.port_type {
         SerialPortType::UsbPort(usb) => Some((port.port_name.into(), (usb.vid, usb.pid))),
         _ => None,
     })

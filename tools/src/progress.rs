@@ -1,0 +1,126 @@
+//! How far long work has come: a line on a terminal that is drawn anew.
+
+use std::fmt::Display;
+use std::io::{self, IsTerminal as _, Read, Write as _};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// Time between two lines.
+const PERIOD: Duration = Duration::from_millis(200);
+/// Moves to the first column and clears the line.
+const CLEAR: &str = "\r\x1b[K";
+/// Below this share, the time that is left is a guess.
+const LEAST_SHARE: f64 = 0.02;
+
+/// How much of a file was read. The default knows of none.
+#[derive(Debug, Clone, Default)]
+pub struct ShareRead {
+    read_bytes: Arc<AtomicU64>,
+    file_bytes: u64,
+}
+
+impl ShareRead {
+    pub fn of(file_bytes: u64) -> Self {
+        Self { file_bytes, ..Self::default() }
+    }
+
+    /// The share from 0 to 1, if the size of the file is known.
+    pub fn share(&self) -> Option<f64> {
+        let is_known = self.file_bytes > 0;
+        is_known.then(|| (self.read_bytes.load(Relaxed) as f64 / self.file_bytes as f64).min(1.0))
+    }
+
+    /// Counts what is read from this file.
+    pub fn count<R: Read>(&self, input: R) -> Counted<R> {
+        Counted { input, read_bytes: Arc::clone(&self.read_bytes) }
+    }
+}
+
+/// A reader that counts the bytes that were read.
+pub struct Counted<R> {
+    input: R,
+    read_bytes: Arc<AtomicU64>,
+}
+
+impl<R: Read> Read for Counted<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let length = self.input.read(bytes)?;
+        self.read_bytes.fetch_add(length as u64, Relaxed);
+        Ok(length)
+    }
+}
+
+/// The line on standard error. It shows nothing unless that is a terminal, and goes when it is dropped.
+pub struct ProgressLine {
+    is_shown: bool,
+    begun: Instant,
+    drawn: Option<Instant>,
+}
+
+impl ProgressLine {
+    pub fn new() -> Self {
+        Self { is_shown: io::stderr().is_terminal(), begun: Instant::now(), drawn: None }
+    }
+
+    /// Shows nothing if the lines of the result go to the same terminal.
+    pub fn beside_standard_output(self) -> Self {
+        let is_shown = self.is_shown && !io::stdout().is_terminal();
+        Self { is_shown, ..self }
+    }
+
+    pub fn is_shown(&self) -> bool {
+        self.is_shown
+    }
+
+    /// Shows this text and, if the share of the work that is done is known, percent and the time that is left.
+    pub fn draw(&mut self, share: Option<f64>, text: impl Display) {
+        if !self.is_shown || self.drawn.is_some_and(|drawn| drawn.elapsed() < PERIOD) {
+            return;
+        }
+        self.drawn = Some(Instant::now());
+        let share = share.map_or_else(String::new, |share| in_words(share, self.begun.elapsed()));
+        // A terminal that has gone shows nothing.
+        let _ = write!(io::stderr(), "{CLEAR}{share}{text}");
+    }
+}
+
+impl Drop for ProgressLine {
+    fn drop(&mut self) {
+        if self.drawn.is_some() {
+            let _ = write!(io::stderr(), "{CLEAR}");
+        }
+    }
+}
+
+/// Percent and the time that is left, after this time.
+fn in_words(share: f64, elapsed: Duration) -> String {
+    let percent = (100.0 * share).floor();
+    if share < LEAST_SHARE {
+        return format!("{percent:3.0} %, ");
+    }
+    let left_s = (elapsed.as_secs_f64() * (1.0 - share) / share).ceil() as u64;
+    format!("{percent:3.0} %, {} left, ", clock(left_s))
+}
+
+/// Minutes and seconds.
+pub fn clock(seconds: u64) -> String {
+    format!("{}:{:02}", seconds / 60, seconds % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_share_of_a_file_and_the_time_that_is_left_follow_what_was_read() {
+        let share = ShareRead::of(400);
+        let mut input = share.count(&[0; 400][..]);
+        assert_eq!(share.share(), Some(0.0));
+        input.read_exact(&mut [0; 100]).unwrap();
+        assert_eq!(share.share(), Some(0.25));
+        assert_eq!(in_words(0.25, Duration::from_secs(30)), " 25 %, 1:30 left, ");
+        assert_eq!(in_words(0.01, Duration::from_secs(30)), "  1 %, ");
+        assert_eq!(ShareRead::default().share(), None);
+    }
+}

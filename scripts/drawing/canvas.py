@@ -25,7 +25,8 @@ COLOURS = {
     "skin": ("#f7e4d4", "#5a4a42"),
     "white": ("#ffffff", "#f0f3f6"),
     "dark": ("#1f2933", "#10151b"),
-    "glow": ("#ffe9a8", "#6b5620"),
+    "glow": ("#ffe9a8", "#c9a544"),
+    "shade": ("#59636e", "#343c46"),
     "night": ("#3d4753", "#0a0d12"),
     "hair": ("#6a5342", "#2a211c"),
     "lip": ("#c2584e", "#e58f85"),
@@ -33,7 +34,8 @@ COLOURS = {
 
 # The widths of characters in DejaVu Sans, the widest of the usual fonts, as parts of the size of the text.
 CHARACTERS = {
-    0.30: "Iijl'|J", 0.34: " .,:;/\\", 0.40: "()[]-ftr", 0.56: "Lcszk\"_", 0.64: "aegyvxTFPEY0123456789bdhnopquSµ°…–●▾",
+    0.30: "Iijl'|J", 0.34: " .,:;/\\", 0.40: "()[]-ftr", 0.56: "Lcszk\"_",
+    0.64: "aegyvxTFPEY0123456789bdhnopquSµ°…–●▾",
     0.72: "AVXZKBRC?", 0.79: "DHNUGOQΩ☰", 0.86: "Mw+=<>−→×✓", 0.99: "mW%",
 }
 WIDTHS = {character: width for width, characters in CHARACTERS.items() for character in characters}
@@ -112,7 +114,7 @@ class Drawing:
             self.lines += zip(corners, corners[1:])
 
     def label(self, x, y, text, colour="ink", anchor="start", size=TEXT, bold=False, mono=False, over=False, halo=False):
-        """Adds a text whose line of writing is at `y`. If it lies `over` something, lines may run below it; a halo hides dots."""
+        """Adds a text whose line of writing is at `y`. Lines may run below a text that lies `over` something."""
         width = 0.61 * size * len(text) if mono else text_width(text, size, bold)
         left = x - {"start": 0, "middle": width / 2, "end": width}[anchor]
         self.labels.append((text, over, left, y - 0.76 * size, left + width, y + 0.2 * size))

@@ -1,6 +1,6 @@
 """Drawings whose subject is a face: poses, sides, angles, and the servos of a head."""
 
-from .canvas import LARGE, SMALL, Drawing, number as n
+from .canvas import LARGE, Drawing, number as n
 from .person import head
 
 
@@ -28,8 +28,8 @@ def poses():
     """The poses of a calibration, in their order."""
     d = Drawing(
         "poses", 1020, "The eleven poses of a calibration",
-        "Eleven faces: at rest, eyes shut, mouth wide open, brows up, brows down, smile, pucker, and looks to your left, to your right, up"
-        " and down with the eyes alone.",
+        "Eleven faces: at rest, eyes shut, mouth wide open, brows up, brows down, smile, pucker, and looks to your left, to"
+        " your right, up and down with the eyes alone.",
     )
     for place, (name, expression) in enumerate(POSES):
         x, y = 128 + place % 3 * 232, 118 + place // 3 * 248
@@ -44,9 +44,10 @@ def left_right():
     """Own left and right, mirror images, and the signs of the head's angles."""
     d = Drawing(
         "left-right", 860, "Left, right and the angles of the head",
-        "You wink your left eye, which is at the right in the camera's picture: eyeBlinkLeft. An avatar that faces you winks its own left"
-        " eye, as another person would. With mirror = true, it winks on the other side, like a mirror. Below: yaw is positive when you"
-        " turn to your left, pitch when you look up, and roll when you tilt the head to your right shoulder.",
+        "You wink your left eye, which is at the right in the camera's picture: eyeBlinkLeft. An avatar that faces you winks"
+        " its own left eye, as another person would. With mirror = true, it winks on the other side, like a mirror. Below: yaw"
+        " is positive when you turn to your left, pitch when you look up, and roll when you tilt the head to your right"
+        " shoulder.",
     )
     d.label(24, 48, "Left is your own left: eyeBlinkLeft", bold=True, size=LARGE)
     columns = (("you, as the", "camera sees you"), ("avatar,", "by default"), ("avatar with", "mirror = true"))
@@ -97,9 +98,9 @@ def servos_of_a_head():
     """An animatronic head with its servos by number, and what each follows."""
     d = Drawing(
         "head", 900, "The servos of an animatronic head",
-        "A head from the front with twelve servos: 1 turns both eyes sideways, 2 up and down, 3 and 4 move the upper lids, 5 and 6 the lower"
-        " lids, 7 and 8 the brows, 9 the jaw, 10 turns the neck, and 11 and 12 nod it left and right. A table names the coefficients and"
-        " angles that each follows.",
+        "A head from the front with twelve servos: 1 turns both eyes sideways, 2 up and down, 3 and 4 move the upper lids, 5"
+        " and 6 the lower lids, 7 and 8 the brows, 9 the jaw, 10 turns the neck, and 11 and 12 nod it left and right. A table"
+        " names the coefficients and angles that each follows.",
     )
     x = 360
     # Neck with two rods on a turntable.
@@ -107,8 +108,11 @@ def servos_of_a_head():
     d.box(x - 22, 380, 44, 90, corner=4)
     for side in (-1, 1):
         d.shape(f"M{x + side * 62} 470L{x + side * 52} 372", "grey", width=9)
-    d.shape(f"M{x - 130} 180C{x - 136} 20 {x + 136} 20 {x + 130} 180C{x + 130} 250 {x + 112} 310 {x + 96} 330H{x - 96}C{x - 112} 310 {x - 130} 250 {x - 130} 180z", "ink", "fill")
-    d.shape(f"M{x - 100} 318C{x - 84} 380 {x - 40} 406 {x} 406C{x + 40} 406 {x + 84} 380 {x + 100} 318L{x + 60} 318Q{x} 346 {x - 60} 318z", "ink", "plate")
+    middle = f"translate({x})"
+    skull = "M-130 180C-136 20 136 20 130 180C130 250 112 310 96 330H-96C-112 310-130 250-130 180z"
+    d.shape(skull, "ink", "fill", transform=middle)
+    chin = "M-100 318C-84 380-40 406 0 406C40 406 84 380 100 318L60 318Q0 346-60 318z"
+    d.shape(chin, "ink", "plate", transform=middle)
     d.dot(x - 100, 300, 8, "grey")
     d.dot(x + 100, 300, 8, "grey")
     d.shape(f"M{x - 62} 306Q{x} 322 {x + 62} 306", "lip", width=8)

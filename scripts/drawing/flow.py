@@ -7,10 +7,10 @@ def flow():
     """The way from the camera through facewire to the receivers."""
     d = Drawing(
         "flow", 620, "From the camera to what moves",
-        "A webcam gives pictures to facewire, which runs on a small Linux board such as a Raspberry Pi. Inside, 478 landmarks of the face"
-        " become 52 coefficients and the rotation and position of the head; a failsafe leads the face to neutral when the camera fails or"
-        " nobody is in the picture. The receivers are servos, Arduino and ESP32, DMX, Unreal, VRChat and VMC, ROS 2 and MQTT, and programs"
-        " in Python, C or Rust.",
+        "A webcam gives pictures to facewire, which runs on a small Linux board such as a Raspberry Pi. Inside, 478 landmarks"
+        " of the face become 52 coefficients and the rotation and position of the head; a failsafe leads the face to neutral"
+        " when the camera fails or nobody is in the picture. The receivers are servos, Arduino and ESP32, DMX, Unreal, VRChat"
+        " and VMC, ROS 2 and MQTT, and programs in Python, C or Rust.",
     )
     d.label(90, 176, "Webcam", "ink", "middle", LARGE, bold=True)
     d.box(40, 202, 100, 76, "ink", "fill", 14)
@@ -21,7 +21,11 @@ def flow():
     d.box(196, 24, 264, 572, "blue", "plate", 16)
     d.label(328, 66, "facewire", "blue", "middle", 26, bold=True)
     d.label(328, 96, "on a Linux board", "grey", "middle")
-    steps = (130, "478 landmarks", "of the face"), (280, "52 coefficients", "and head pose"), (430, "failsafe", "no face, no camera:")
+    steps = (
+        (130, "478 landmarks", "of the face"),
+        (280, "52 coefficients", "and head pose"),
+        (430, "failsafe", "no face, no camera:"),
+    )
     for y, name, detail in steps:
         height = 100 if y < 420 else 130
         d.box(214, y, 228, height)

@@ -45,7 +45,7 @@ def dot(a, b):
 
 
 def upright(points):
-    """Returns x and y of a face that looks into the camera: eyes level, their outer corners 1 apart, and between them (0, 0)."""
+    """Returns x and y of a face turned to the camera: the outer corners of the eyes are 1 apart, and (0, 0) is between them."""
     right, left, top, chin = (points[index] for index in (33, 263, 10, 152))
     across = [b - a for a, b in zip(right, left)]
     width = dot(across, across) ** 0.5
@@ -193,9 +193,9 @@ def landmarks(root):
     """The face mesh with the numbers that people need."""
     d = Drawing(
         "landmarks", 1490, "The landmarks of the face by their numbers",
-        "The 478 landmarks of a face at rest, with the numbers of those that programs use most: the oval of the face from 10 at the top to"
-        " 152 at the chin, brows, nose with its tip 4, both eyes with the irises 468 and 473, and lips. The person's own right side is at"
-        " the left of the drawing.",
+        "The 478 landmarks of a face at rest, with the numbers of those that programs use most: the oval of the face from 10"
+        " at the top to 152 at the chin, brows, nose with its tip 4, both eyes with the irises 468 and 473, and lips. The"
+        " person's own right side is at the left of the drawing.",
     )
     face = mean_face(root)
     whole(d, face)

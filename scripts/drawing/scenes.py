@@ -39,8 +39,8 @@ def mount():
     """How a camera is mounted: well and poorly."""
     d = Drawing(
         "mount", 420, "How the camera is mounted",
-        "Two heads with a camera each. Good: the camera stands upright, at the height of the eyes, an arm's length away, with light from"
-        " the front. Poor: the camera hangs upside down, far below the eyes, with a window behind the head.",
+        "Two heads with a camera each. Good: the camera stands upright, at the height of the eyes, an arm's length away, with"
+        " light from the front. Poor: the camera hangs upside down, far below the eyes, with a window behind the head.",
     )
     d.shape("M360 24V396", "frame", width=2)
     lamp(d, 74, 62, -48)
@@ -63,9 +63,9 @@ def light():
     """Light, distance and the height of the camera."""
     d = Drawing(
         "light", 740, "Light, distance and height of the camera",
-        "Above, good: a lamp stands behind the screen and lights the face from the front, the camera on the screen is as high as the eyes,"
-        " and the face is an arm's length away. Below, poor: a window behind the head; the camera far below the eyes; a dark room, with"
-        " the face far away.",
+        "Above, good: a lamp stands behind the screen and lights the face from the front, the camera on the screen is as high"
+        " as the eyes, and the face is an arm's length away. Below, poor: a window behind the head; the camera far below the"
+        " eyes; a dark room, with the face far away.",
     )
     d.tick(44, 48)
     d.label(70, 54, "Good", "green", bold=True, size=LARGE)
@@ -135,9 +135,9 @@ def horn():
     """A servo's horn in the middle and at both ends."""
     d = Drawing(
         "horn", 516, "The horn of a servo in the middle and at both ends",
-        "Three times the same servo with a rod to a jaw. At end 0 the jaw is shut, and at end 1 it is open. In the middle, horn and rod make"
-        " a right angle: fasten the horn there, so that it turns by the same angle to either side. Both ends are set on the page before"
-        " the servo binds.",
+        "Three times the same servo with a rod to a jaw. At end 0 the jaw is shut, and at end 1 it is open. In the middle,"
+        " horn and rod make a right angle: fasten the horn there, so that it turns by the same angle to either side. Both ends"
+        " are set on the page before the servo binds.",
     )
     cases = (
         (OPEN_DEG, "End 0", "jaw shut", "Set end 0 here", "amber"),
@@ -153,5 +153,6 @@ def horn():
             d.plate(x, 402, second, "blue", SMALL)
         else:
             d.label(x, 394, second, "blue", "middle")
-    d.lines_of_text(24, 464, ["The same angle to both sides. Stop before the", "servo binds, and set the end there on the page."], "grey")
+    advice = ["The same angle to both sides. Stop before the", "servo binds, and set the end there on the page."]
+    d.lines_of_text(24, 464, advice, "grey")
     return d

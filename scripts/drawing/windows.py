@@ -2,7 +2,7 @@
 
 import math
 
-from .canvas import LARGE, SMALL, Drawing, text_width
+from .canvas import LARGE, SMALL, Drawing, path_of, text_width
 
 
 def drawings():
@@ -49,7 +49,7 @@ def field(d, x, y, name, value, width=130, menu=False):
         d.label(x + 190 + width - 12, y, "▾", "grey", "end")
 
 
-def path(d, y, number, parts):
+def menus(d, y, number, parts):
     """Draws the way through menus: each part in a box, with an arrow between two."""
     x = 72
     d.badge(44, y - 7, number, "blue")
@@ -67,11 +67,12 @@ def vseeface():
     """Where VSeeFace is switched to receive."""
     d = Drawing(
         "vseeface", 640, "Where to switch VSeeFace to receive",
-        "First, a link of the kind vmc in the settings of facewire, with the address of the machine with VSeeFace and the port 39540. Second,"
-        " in VSeeFace, General settings. Third, under OSC/VMC protocol, enable the receiver with the port 39540.",
+        "First, a link of the kind vmc in the settings of facewire, with the address of the machine with VSeeFace and the"
+        " port 39540. Second, in VSeeFace, General settings. Third, under OSC/VMC protocol, enable the receiver with the port"
+        " 39540.",
     )
     settings(d, ['kind = "vmc"', 'address = "192.168.1.20:39540"'], "VSeeFace")
-    path(d, 300, "2", ["General settings", "OSC/VMC protocol"])
+    menus(d, 300, "2", ["General settings", "OSC/VMC protocol"])
     window(d, 72, 346, 624, 216, "VSeeFace: General settings")
     d.badge(44, 440, "3", "blue")
     d.label(96, 424, "OSC/VMC protocol", "grey")
@@ -84,32 +85,46 @@ def vseeface():
     return d
 
 
+def ring_menu(d, x, y, name):
+    """Draws a round menu of six parts, of which the upper one is chosen."""
+    inner, outer = 34, 92
+
+    def spoke(degrees):
+        across, down = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        return [(x + radius * across, y + radius * down) for radius in (inner, outer)]
+
+    d.circle(x, y, outer, "ink", "fill")
+    for degrees in (30, 90, 150):
+        d.shape(path_of(spoke(degrees)), "grey", width=2)
+    (right_in, right), (left_in, left) = spoke(-30), spoke(-150)
+    start, end, back = path_of([left_in, left]), path_of([right, right_in])[1:], path_of([left_in])[1:]
+    d.shape(f"{start}A{outer} {outer} 0 0 1 {end}A{inner} {inner} 0 0 0 {back}z", "blue", "plate", width=4)
+    d.circle(x, y, inner, "ink", "plate")
+    d.label(x, y - 52, name, "blue", "middle", bold=True)
+
+
 def vrchat():
     """Where VRChat is switched to receive."""
     d = Drawing(
         "vrchat", 640, "Where to switch VRChat to receive",
-        "First, a link of the kind vrchat in the settings of facewire, with the address of the machine with VRChat and the port 9000. Second,"
-        " in VRChat, open the action menu, then Options, then OSC, and turn on Enabled. OSC Debug shows whether messages arrive.",
+        "First, a link of the kind vrchat in the settings of facewire, with the address of the machine with VRChat and the"
+        " port 9000. Second, in VRChat, open the action menu, then Options, then OSC, and turn on Enabled. OSC Debug shows"
+        " whether messages arrive.",
     )
     settings(d, ['kind = "vrchat"', 'address = "192.168.1.20:9000"'], "VRChat")
     d.badge(44, 282, "2", "blue")
     d.label(72, 289, "In VRChat, open the action menu:", bold=True, size=LARGE)
-    for place, (name, chosen) in enumerate((("Options", "Options"), ("OSC", "OSC"), ("Enabled", "Enabled"))):
-        x, y, radius = 130 + 230 * place, 412, 92
-        d.circle(x, y, radius, "ink", "fill")
-        for spoke in range(6):
-            angle = math.radians(30 + 60 * spoke)
-            d.shape(f"M{x + 34 * math.cos(angle):.1f} {y + 34 * math.sin(angle):.1f}L{x + radius * math.cos(angle):.1f} {y + radius * math.sin(angle):.1f}", "grey", width=2)
-        left, top = x - radius * math.cos(math.radians(30)), y - radius / 2
-        d.shape(
-            f"M{x - 34 * math.cos(math.radians(30)):.1f} {y - 17}L{left:.1f} {top:.1f}A{radius} {radius} 0 0 1 {2 * x - left:.1f} {top:.1f}"
-            f"L{x + 34 * math.cos(math.radians(30)):.1f} {y - 17}A34 34 0 0 0 {x - 34 * math.cos(math.radians(30)):.1f} {y - 17}z", "blue", "plate", width=4)
-        d.circle(x, y, 34, "ink", "plate")
-        d.label(x, y - 52, name, "blue", "middle", bold=True)
+    for place, name in enumerate(("Options", "OSC", "Enabled")):
+        ring_menu(d, 130 + 230 * place, 412, name)
         if place < 2:
-            d.line([(x + 100, y), (x + 126, y)], "blue", 5, arrow=True)
+            d.line([(230 + 230 * place, 412), (256 + 230 * place, 412)], "blue", 5, arrow=True)
     d.tick(590, 412, 14)
-    d.lines_of_text(24, 558, ["Nothing moves? Options, OSC, OSC Debug shows", "whether messages arrive. VRCFaceTracking must not", "run at the same time."], "grey")
+    advice = [
+        "Nothing moves? Options, OSC, OSC Debug shows",
+        "whether messages arrive. VRCFaceTracking must not",
+        "run at the same time.",
+    ]
+    d.lines_of_text(24, 558, advice, "grey")
     return d
 
 
@@ -117,9 +132,10 @@ def unreal():
     """Where Unreal is switched to receive."""
     d = Drawing(
         "unreal", 920, "Where to switch Unreal to receive",
-        "First, a link of the kind live-link in the settings of facewire, with the address of the machine with Unreal, the port 11111 and a"
-        " subject. Second, enable the plugins Live Link, Apple ARKit and Apple ARKit Face Support, and restart. Third, the subject appears"
-        " under Window, Virtual Production, Live Link. Fourth, choose it as ARKit Face Subj of the MetaHuman, and tick Use ARKit.",
+        "First, a link of the kind live-link in the settings of facewire, with the address of the machine with Unreal, the"
+        " port 11111 and a subject. Second, enable the plugins Live Link, Apple ARKit and Apple ARKit Face Support, and"
+        " restart. Third, the subject appears under Window, Virtual Production, Live Link. Fourth, choose it as ARKit Face"
+        " Subj of the MetaHuman, and tick Use ARKit.",
     )
     settings(d, ['kind = "live-link"', 'address = "192.168.1.20:11111"', 'subject = "webcam"'], "Unreal")
     d.badge(44, 334, "2", "blue")
@@ -127,7 +143,7 @@ def unreal():
     for place, name in enumerate(("Live Link", "Apple ARKit", "Apple ARKit Face Support")):
         tick_box(d, 96, 382 + 40 * place, name)
     d.lines_of_text(520, 382, ["then restart", "Unreal"], "blue")
-    path(d, 542, "3", ["Window", "Virtual Production", "Live Link"])
+    menus(d, 542, "3", ["Window", "Virtual Production", "Live Link"])
     window(d, 72, 576, 624, 100, "Live Link")
     d.dot(110, 647, 9, "green")
     d.label(130, 654, "webcam", "blue", bold=True)

@@ -21,12 +21,11 @@ def pad(d, x, y, name, colour="ink", anchor="start"):
     d.label(x + away, y + 7, name, colour, anchor)
 
 
-def servo(d, x, y, name, colour="ink"):
-    """Draws a servo with its horn, and its name below the horn's middle."""
+def servo(d, x, y):
+    """Draws a servo with its horn."""
     d.box(x, y, 96, 48, "ink", "fill", corner=5)
     d.circle(x + 24, y + 24, 15, "ink", "plate")
     d.circle(x + 24, y + 24, 3, "ink", "ink")
-    d.label(x + 48, y + 31, name, colour, size=SMALL, bold=True)
 
 
 def cable(d, start, end, y):
@@ -40,6 +39,7 @@ def capacitor(d, x, plus_y, ground_y):
     middle = (plus_y + ground_y) / 2
     d.line([(x, plus_y), (x, middle - 6)], "red", 4)
     d.line([(x, middle + 6), (x, ground_y)], "ink", 4)
+    d.label(x - 24, middle - 8, "+", "red", "end", bold=True)
     d.line([(x - 20, middle - 6), (x + 20, middle - 6)], "ink", 5)
     d.line([(x - 20, middle + 6), (x + 20, middle + 6)], "ink", 5)
 
@@ -74,16 +74,18 @@ def pca9685():
     """The four wires from a Raspberry Pi to a PCA9685, and the supply of its servos."""
     d = Drawing(
         "wiring-pca9685", 720, "A PCA9685 at a Raspberry Pi",
-        "Four wires lead from the header of the Raspberry Pi to the PCA9685: pin 1, 3.3 volts, to VCC; pin 3 to SDA; pin 5 to SCL;"
-        " pin 6 to GND. The servos have a supply of their own, whose plus goes through a switch to V+ and whose minus to GND, with a"
-        " capacitor of 1000 microfarads across it. The 5 volts of the Raspberry Pi, pin 2, must not be connected to V+.",
+        "Four wires lead from the header of the Raspberry Pi to the PCA9685: pin 1, 3.3 volts, to VCC; pin 3 to SDA; pin 5 to"
+        " SCL; pin 6 to GND. The servos have a supply of their own, whose plus goes through a switch to V+ and whose minus to"
+        " GND, with a capacitor of 1000 microfarads across it. The 5 volts of the Raspberry Pi, pin 2, must not be connected"
+        " to V+.",
     )
     d.box(24, 24, 210, 420)
     d.label(40, 58, "Raspberry Pi", bold=True, size=LARGE)
     d.box(408, 24, 160, 390)
     d.label(424, 58, "PCA9685", bold=True, size=LARGE)
     for y, number, name, other, colour in (
-        (104, "1", "3.3 V", "VCC", "green"), (154, "3", "SDA", "SDA", "blue"), (204, "5", "SCL", "SCL", "blue"), (254, "6", "GND", "GND", "ink"),
+        (104, "1", "3.3 V", "VCC", "green"), (154, "3", "SDA", "SDA", "blue"),
+        (204, "5", "SCL", "SCL", "blue"), (254, "6", "GND", "GND", "ink"),
     ):
         d.wire([(250, y), (400, y)], colour)
         pin(d, 234, y, number, name, colour)
@@ -105,7 +107,7 @@ def pca9685():
     for y, name in ((104, "0"), (174, "1"), (254, "15")):
         cable(d, 568, 606, y)
         d.label(556, y + 7, name, "ink", "end", bold=True)
-        servo(d, 606, y - 24, "")
+        servo(d, 606, y - 24)
     d.label(545, 222, "…", "ink", "middle")
     d.lines_of_text(590, 312, ["up to", "16 servos"], "grey", size=SMALL)
     # The supply.
@@ -128,8 +130,9 @@ def maestro():
     """A Maestro by USB, with a supply for its servos."""
     d = Drawing(
         "wiring-maestro", 640, "A Maestro on USB",
-        "A USB cable leads from the board that runs facewire to the Maestro. The servos' supply goes through a switch to the servo power"
-        " pins of the Maestro. The jumper between VSRV and VIN is removed. The servos are plugged into channels, which count from 0.",
+        "A USB cable leads from the board that runs facewire to the Maestro. The servos' supply goes through a switch to the"
+        " servo power pins of the Maestro. The jumper between VSRV and VIN is removed. The servos are plugged into channels,"
+        " which count from 0.",
     )
     d.box(24, 60, 190, 110)
     d.lines_of_text(40, 100, ["Board with", "facewire"], bold=True, size=LARGE)
@@ -148,7 +151,7 @@ def maestro():
     for y, name in ((90, "0"), (160, "1"), (230, "2"), (330, "23")):
         cable(d, 540, 592, y)
         d.label(526, y + 7, name, "ink", "end", bold=True)
-        servo(d, 592, y - 24, "")
+        servo(d, 592, y - 24)
     d.label(515, 288, "…", "ink", "middle")
     d.label(640, 392, "brown or black", "ink", "middle", SMALL)
     d.label(640, 416, "is ground", "ink", "middle", SMALL)
@@ -171,9 +174,9 @@ def bus_servos():
     """A line of bus servos behind a USB adapter."""
     d = Drawing(
         "wiring-bus-servos", 650, "Bus servos on one line",
-        "A USB cable leads from the board to the adapter. From the adapter, one cable goes from servo to servo, with data and ground. Its"
-        " third wire, plus, comes from the servos' supply, whose minus is joined with the ground. On a long line the supply is connected"
-        " at several places. Each servo has a number of its own, its ID. The last socket stays empty.",
+        "A USB cable leads from the board to the adapter. From the adapter, one cable goes from servo to servo, with data and"
+        " ground. Its third wire, plus, comes from the servos' supply, whose minus is joined with the ground. On a long line"
+        " the supply is connected at several places. Each servo has a number of its own, its ID. The last socket stays empty.",
     )
     d.box(24, 32, 200, 100)
     d.lines_of_text(40, 74, ["Board with", "facewire"], bold=True, size=LARGE)
@@ -223,10 +226,10 @@ def uart():
     """A Raspberry Pi's serial pins and a board of 5 V."""
     d = Drawing(
         "wiring-uart", 860, "A Raspberry Pi's serial pins and a board of 5 volts",
-        "Above, all that facewire needs: TXD of the Raspberry Pi, pin 8, leads to RX of the board, and GND, pin 6, to its GND. TX of the board"
-        " has 5 volts and must not be connected to RXD, pin 10. Below, with a level shifter both ways: TXD leads to RX and TX to RXD, each"
-        " through the level shifter, which gets 3.3 volts on one side and 5 volts on the other. A divider of 1 and 2 kilohms between TX"
-        " and ground also brings 5 volts down to 3.3.",
+        "Above, all that facewire needs: TXD of the Raspberry Pi, pin 8, leads to RX of the board, and GND, pin 6, to its"
+        " GND. TX of the board has 5 volts and must not be connected to RXD, pin 10. Below, with a level shifter both ways:"
+        " TXD leads to RX and TX to RXD, each through the level shifter, which gets 3.3 volts on one side and 5 volts on the"
+        " other. A divider of 1 and 2 kilohms between TX and ground also brings 5 volts down to 3.3.",
     )
     d.label(24, 50, "All that facewire needs: two wires", bold=True, size=LARGE)
     d.box(24, 72, 190, 210)
@@ -254,9 +257,14 @@ def uart():
         (530, "10", "RXD", "A2", "B2", "TX", "amber"), (580, "6", "GND", "", "", "GND", "ink")
     for y, number, name, low, high, other, colour in rows:
         far = "red" if colour == "green" else colour
-        back = colour == "amber"
-        d.wire([(290, y), (238, y)] if back else [(230, y), (283 if colour == "blue" else 290, y)], colour, arrow=colour in ("blue", "amber"))
-        d.wire([(498, y), (440, y)] if back else [(430, y), (493 if colour == "blue" else 498, y)], far, arrow=colour in ("blue", "amber"))
+        near_wire, far_wire = [(230, y), (290, y)], [(430, y), (500, y)]
+        if colour == "amber":
+            near_wire, far_wire = [(290, y), (238, y)], [(498, y), (440, y)]
+        elif colour == "blue":
+            near_wire, far_wire = [(230, y), (283, y)], [(430, y), (493, y)]
+        is_signal = colour in ("blue", "amber")
+        d.wire(near_wire, colour, arrow=is_signal)
+        d.wire(far_wire, far, arrow=is_signal)
         pin(d, 214, y, number, name, colour)
         pad(d, 506, y, other, far)
         pad(d, 296, y, low, colour)

@@ -136,7 +136,7 @@ def maestro():
     )
     d.box(24, 60, 190, 110)
     d.lines_of_text(40, 100, ["Board with", "facewire"], bold=True, size=LARGE)
-    d.wire([(214, 115), (330, 115)], "blue", 6)
+    d.wire([(218, 115), (330, 115)], "blue", 6)
     d.label(272, 98, "USB", "blue", "middle")
     d.box(330, 24, 210, 370)
     d.label(346, 58, "Maestro", bold=True, size=LARGE)

@@ -74,6 +74,12 @@ fn every_block_of_settings_in_a_document_loads() {
     assert!(count > 5, "{count} blocks");
 }
 
+#[test]
+fn drawings_are_what_their_script_makes_and_no_text_lies_on_another_or_on_a_line() {
+    let run = Run::of(Command::new(project("scripts/draw")).arg("--check"));
+    assert_eq!(run.status, Some(0), "{run:?}");
+}
+
 fn sources(folder: &Path) -> String {
     let source = |path: &PathBuf| match path.extension().and_then(|ending| ending.to_str()) {
         None if path.is_dir() => sources(path),

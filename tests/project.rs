@@ -18,37 +18,82 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
 }
 
-/// Every document for users: those in the top folder, in `docs`, and the README of each folder.
-fn documents() -> Vec<(PathBuf, String)> {
-    let (top, docs) = (files(&project("")), files(&project("docs")));
-    let readmes = top.iter().map(|folder| folder.join("README.md")).filter(|path| path.exists());
-    let is_document = |path: &&PathBuf| path.extension().is_some_and(|ending| ending == "md");
-    let paths: Vec<PathBuf> = top.iter().chain(&docs).filter(is_document).cloned().chain(readmes).collect();
-    paths.into_iter().map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
+/// The paths of all Markdown files in a folder, except in build outputs and hidden folders.
+fn markdown(folder: &Path) -> Vec<PathBuf> {
+    let is_visible = |path: &PathBuf| {
+        let name = path.file_name().unwrap().to_string_lossy();
+        !name.starts_with('.') && name != "target"
+    };
+    let visible = files(folder).into_iter().filter(is_visible);
+    let (folders, others): (Vec<_>, Vec<_>) = visible.partition(|path| path.is_dir() && !path.is_symlink());
+    let of_this_folder = others.into_iter().filter(|path| path.extension().is_some_and(|ending| ending == "md"));
+    of_this_folder.chain(folders.iter().flat_map(|folder| markdown(folder))).collect()
 }
 
-/// The part of a link that leads to a heading: lower case, with hyphens for spaces and without other characters.
-fn anchor(heading: &str) -> String {
-    let kept = heading.chars().filter(|character| character.is_alphanumeric() || " -_".contains(*character));
-    kept.collect::<String>().to_lowercase().replace(' ', "-")
+fn documents() -> Vec<(PathBuf, String)> {
+    markdown(&project("")).into_iter().map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
+}
+
+/// The lines of a document that are not in fences.
+fn prose(document: &str) -> impl Iterator<Item = &str> {
+    let mut is_fenced = false;
+    document.lines().filter(move |line| {
+        let is_fence = line.trim_start().starts_with("```");
+        is_fenced ^= is_fence;
+        !is_fence && !is_fenced
+    })
+}
+
+/// The links that lead to the headings of a document, as GitHub makes them: lower case, with hyphens for spaces and without
+/// other characters. A heading that comes again has a number.
+fn anchors(document: &str) -> Vec<String> {
+    let mut anchors: Vec<String> = Vec::new();
+    let heading = |line: &str| Some(line.trim_start_matches('#').strip_prefix(' ')?.trim().to_lowercase());
+    for heading in prose(document).filter(|line| line.starts_with('#')).filter_map(heading) {
+        let kept = heading.chars().filter(|character| character.is_alphanumeric() || " -_".contains(*character));
+        let anchor = kept.collect::<String>().replace(' ', "-");
+        let numbered = (1..).map(|number| format!("{anchor}-{number}"));
+        let free = std::iter::once(anchor.clone()).chain(numbered).find(|name| !anchors.contains(name));
+        anchors.extend(free);
+    }
+    anchors
 }
 
 #[test]
 fn every_link_between_documents_leads_to_a_file_and_to_a_heading_in_it() {
     for (path, document) in documents() {
-        let links = document.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+        let prose = prose(&document).collect::<Vec<_>>().join("\n");
+        let links = prose.split("](").skip(1).filter_map(|rest| rest.split(')').next());
         for link in links.filter(|link| !link.contains("://")) {
             let (file, heading) = link.split_once('#').unwrap_or((link, ""));
             let target = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
             assert!(target.exists(), "{}: there is no {link}", path.display());
-            let has_heading = || {
-                let text = fs::read_to_string(&target).unwrap();
-                let mut headings = text.lines().filter(|line| line.starts_with('#'));
-                headings.any(|line| anchor(line.trim_start_matches('#').trim()) == heading)
-            };
+            let has_heading = || anchors(&fs::read_to_string(&target).unwrap()).iter().any(|anchor| anchor == heading);
             assert!(heading.is_empty() || has_heading(), "{}: {link} has no such heading", path.display());
         }
     }
+}
+
+#[test]
+fn anchors_follow_the_rule_of_github() {
+    let document =
+        "# DMX by sACN (E1.31)\n## A `b_c`, d\n```\n# a comment\n```\n## Äpfel - 2\n## Again\n## Again\n#no heading\n";
+    assert_eq!(anchors(document), ["dmx-by-sacn-e131", "a-b_c-d", "äpfel---2", "again", "again-1"]);
+}
+
+/// Messages refer to documents in parentheses: `(docs/NAME.md)` or `(docs/NAME.md, "Heading")`.
+#[test]
+fn every_document_that_a_message_names_exists_and_has_the_heading_that_it_names() {
+    let messages = ["src", "board", "servo", "tools", "console"].map(|folder| sources(&project(folder))).concat();
+    let mut count = 0;
+    for reference in messages.split("(docs/").skip(1).filter_map(|rest| rest.split(')').next()) {
+        let (name, heading) = reference.split_once(", ").unwrap_or((reference, ""));
+        let document = fs::read_to_string(project("docs").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let heading = format!("# {}", heading.replace(['\\', '"'], ""));
+        assert!(heading == "# " || document.lines().any(|line| line.ends_with(&heading)), "{reference}");
+        count += 1;
+    }
+    assert!(count > 2, "{count} messages");
 }
 
 /// The blocks of settings in a document: in a fence marked `toml`, or indented and beginning with a table.
@@ -60,7 +105,8 @@ fn settings(document: &str) -> impl Iterator<Item = String> {
 
 #[test]
 fn every_block_of_settings_in_a_document_loads() {
-    let (mut count, check) = (0, |settings: &_, faults: &mut _| check_settings(settings, &[], faults));
+    let check = |settings: &_, faults: &mut _| check_settings(settings, &[], faults);
+    let mut with_settings = Vec::new();
     for (path, document) in documents() {
         for block in settings(&document) {
             // Documents show systemd's units, too.
@@ -68,10 +114,12 @@ fn every_block_of_settings_in_a_document_loads() {
             if !is_unit && let Err(faults) = parse_and_check(text(&path), &block, check) {
                 panic!("{faults}\nin\n{block}");
             }
-            count += 1;
+            with_settings.push(path.clone());
         }
     }
-    assert!(count > 5, "{count} blocks");
+    for page in ["service", "reference", "receivers", "servo-boards", "stage", "vr", "code", "wiring", "animatronic"] {
+        assert!(with_settings.contains(&project(&format!("docs/{page}.md"))), "{page}.md shows no settings");
+    }
 }
 
 #[test]
@@ -94,7 +142,7 @@ fn every_fault_and_every_case_of_the_tables_names_tests_that_exist() {
     let folders =
         ["src", "servo", "board", "packet", "tests", "face", "console", "tools", "library", "python", "bridge"];
     let tests = folders.map(|folder| sources(&project(folder))).concat();
-    let tables = ["docs/service.md", "tests/cases.md"].map(|table| fs::read_to_string(project(table)).unwrap());
+    let tables = ["docs/faults.md", "tests/cases.md"].map(|table| fs::read_to_string(project(table)).unwrap());
     let is_row = |line: &&str| line.matches('|').count() == 5 && !line.starts_with("|---");
     let rows: Vec<&str> = tables.iter().flat_map(|table| table.lines().filter(is_row)).collect();
     assert!(rows.len() >= 120, "{rows:?}");
@@ -148,6 +196,7 @@ fn installing_puts_everything_in_place_and_keeps_a_configuration_that_is_there()
         ("usr/lib/systemd/system/facewire.service", 0o644),
         ("usr/lib/udev/rules.d/99-facewire.rules", 0o644),
         ("usr/share/doc/facewire/service.md", 0o644),
+        ("usr/share/doc/facewire/reference.md", 0o644),
     ] {
         assert_eq!(fs::metadata(at(file)).unwrap().permissions().mode() & 0o777, mode, "{file}");
     }

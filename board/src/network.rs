@@ -33,7 +33,7 @@ fn remedy([cgroup, resolver]: [&str; 2]) -> String {
     let blocked = far.map(|server| {
         format!(
             ". If the unit keeps the service from the name server {server}, add it to the drop-in name-server.conf \
-             (docs/service.md)"
+             (docs/reference.md)"
         )
     });
     format!("check the spelling and the network, or give its address in numbers{}", blocked.unwrap_or_default())

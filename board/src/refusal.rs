@@ -12,7 +12,7 @@ pub fn serial_refusal(error: Errno) -> Option<&'static str> {
         // The permissions of files are refused with EACCES, the device rules of a unit or a container with EPERM.
         Errno::PERM => {
             "the rules of the service's unit or of the container exclude this device; add DeviceAllow= for its driver to \
-             the unit (docs/service.md, \"What the service may access\")"
+             the unit (docs/reference.md, \"What the service may access\")"
         }
         Errno::BUSY => {
             "another program has it open; end that program (the service: `sudo systemctl stop facewire`), or give \
@@ -33,7 +33,7 @@ pub fn i2c_refusal(error: Errno) -> Option<&'static str> {
         Errno::ACCESS => "this user may not open the bus; add the user to the group i2c and log in again",
         Errno::PERM => {
             "the rules of the service's unit or of the container exclude I2C buses; install the unit's drop-in i2c.conf \
-             (docs/service.md, \"What the service may access\")"
+             (docs/reference.md, \"What the service may access\")"
         }
         Errno::BUSY => {
             "a driver of the kernel has the chip; remove its overlay from the system's settings, and restart"

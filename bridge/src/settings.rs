@@ -403,7 +403,7 @@ mod tests {
     #[test]
     fn every_block_of_the_bridges_settings_in_a_document_loads() {
         let of_this_folder = |file| Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
-        let texts = ["README.md", "../docs/receivers.md"].map(|file| fs::read_to_string(of_this_folder(file)).unwrap());
+        let texts = ["README.md", "../docs/code.md"].map(|file| fs::read_to_string(of_this_folder(file)).unwrap());
         let blocks = texts.iter().flat_map(|text| text.split("```toml bridge\n").skip(1));
         let mut blocks: Vec<&str> = blocks.map(|rest| rest.split("```").next().unwrap()).collect();
         assert!(blocks.len() > 1);

@@ -487,7 +487,7 @@ mod tests {
 
     #[test]
     fn the_documents_name_every_request_of_the_control_socket() {
-        let rows = include_str!("../../docs/service.md").lines().filter_map(|line| line.strip_prefix("| `"));
+        let rows = include_str!("../../docs/reference.md").lines().filter_map(|line| line.strip_prefix("| `"));
         let requests = rows.filter_map(|row| serde_json::from_str(&row[..=row.find('}')?]).ok());
         let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
         let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];

@@ -15,8 +15,8 @@ CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / "
 BELONGS = {"models": "facewire-face"}
 # Files that several crates are compiled or tested with.
 SHARED = (
-    ".cargo/*", ".config/*", "Cargo.lock", "Cargo.toml", "boards/*", "clippy.toml", "docs/service.md", "fuzz/src/*",
-    "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*", "tests/skips-allowed",
+    ".cargo/*", ".config/*", "Cargo.lock", "Cargo.toml", "boards/*", "clippy.toml", "docs/code.md", "docs/reference.md",
+    "fuzz/src/*", "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*", "tests/skips-allowed",
 )
 
 

@@ -31,7 +31,7 @@ class Checkout(unittest.TestCase):
         # For each step the last file that it reads, which differs between most steps; and a file that few steps read.
         everything = list(proof.files(ROOT))
         last = {step.name: next(path for path in reversed(everything) if steps.is_read(step, path)) for step in self.steps}
-        self.paths = sorted({*last.values(), "docs/service.md"})
+        self.paths = sorted({*last.values(), "docs/faults.md"})
         for path in self.paths:
             (self.root / path).parent.mkdir(parents=True, exist_ok=True)
             (self.root / path).write_text("as it was")

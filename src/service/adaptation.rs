@@ -50,7 +50,7 @@ const FULL_AFTER_US: [u64; 2] = [600_000_000, 86_400_000_000];
 const SMALL_SHARE: u32 = 4;
 
 /// What the pipeline does, from all that it can do down to what a very slow board can do: a later step takes less of the
-/// processor's time. docs/service.md tells what each costs; `scripts/measure-steps` measures it.
+/// processor's time. docs/faults.md says what each costs; `scripts/measure-steps` measures it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, clap::ValueEnum)]
 pub enum Step {
     /// Every frame, with all networks.

@@ -2,7 +2,7 @@
 //! while it runs, and `facewire check` for three seconds.
 //!
 //! Contract: [`Watch`] does not allocate. The thresholds of the
-//! picture are where the coefficients become poor ("What makes tracking poor" in docs/service.md has the figures).
+//! picture are where the coefficients become poor ("Where tracking becomes poor" in docs/faults.md has the figures).
 //! Limits: noise that a camera smooths away is not seen. Motion blur is not measured.
 
 mod look;

@@ -19,7 +19,7 @@ RECOVERED = 20
 # How many times the board stops reading, how many packets go by UDP before it reads again, and how many of them may still
 # have found room in the line.
 STALLS, STALLED, LATE = 3, 30, 5
-# How long the service takes to end, as docs/service.md promises, seconds.
+# How long the service takes to end, as docs/faults.md promises, seconds.
 END_S = 2.0
 
 

@@ -1,4 +1,4 @@
-//! JSON lines: one object a line, for programs that need no more than a parser of JSON. `docs/receivers.md` describes the
+//! JSON lines: one object a line, for programs that need no more than a parser of JSON. `docs/code.md` describes the
 //! fields.
 
 use serde::ser::SerializeMap as _;

@@ -143,7 +143,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     while monotonic_us() < end_us {
         if let Some(frame) = camera.next()? {
             let found = find(tracker.as_deref_mut(), &mut StageTimes::default(), &frame)?;
-            last_look = watch.frame(&frame, found).or(last_look);
+            last_look = watch.frame(&frame, found, false).or(last_look);
             face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
         delivered = watch.deliveries(&mut *camera.source).or(delivered);

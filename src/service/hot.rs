@@ -285,7 +285,7 @@ impl HotLoop {
         outlets.report(processed.pose().map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
-        watch.frame(frame, processed.face);
+        watch.frame(frame, processed.face, counters.has_proposed_rotation());
         counters.set_face_score(processed.face.and_then(|face| face.appearance).map_or(0.0, |seen| seen.score));
         outlets.observer.publish(|| processed.observe(watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
@@ -321,9 +321,10 @@ impl HotLoop {
 
     /// Reports a better way to mount the camera once one was found. Begins to try when the face becomes doubtful.
     fn judge_mount(&mut self, was_doubtful: bool) {
-        let has_become_doubtful = self.watch.is_doubtful() && !was_doubtful && !self.watch.is_turned;
+        let is_turned = self.counters.has_proposed_rotation();
+        let has_become_doubtful = self.watch.is_doubtful() && !was_doubtful && !is_turned;
         // The wearer may have been lying, or somebody may have turned the camera since.
-        let is_to_be_confirmed = self.watch.is_turned && monotonic_us() >= self.confirm_mount_us;
+        let is_to_be_confirmed = is_turned && monotonic_us() >= self.confirm_mount_us;
         if self.mount.is_none() && (has_become_doubtful || is_to_be_confirmed) {
             self.mount = Some(MountTrial::default());
         }
@@ -331,7 +332,6 @@ impl HotLoop {
         self.confirm_mount_us = monotonic_us() + CONFIRM_US;
         let better = mount.best().filter(|best| *best != self.settings.camera.rotation);
         self.counters.propose_rotation(better);
-        self.watch.is_turned = better.is_some();
         if let Some(rotation) = better {
             self.tell(Event::Turned(rotation));
         }

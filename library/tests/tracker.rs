@@ -14,6 +14,7 @@ use facewire::calibration::ProfileFile;
 use facewire::capture::{Clip, Content, Frame, Source};
 use facewire::config::Settings;
 use facewire::pipeline::{Pipeline, shaping};
+use facewire_face::Rotation;
 use facewire_face::stages::NetworkFolder;
 use facewire_library::{
     BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralMode, Options, Picture, Pixels, Profile,
@@ -79,6 +80,7 @@ fn is_same((tracker, pipeline): &mut (FaceTracker, Pipeline), frame: &Frame) -> 
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&ours.coefficients), bits(&theirs.smoothed.0), "frame {}", frame.number);
     assert_eq!((ours.head, ours.neutral), (theirs.head, theirs.neutral_face));
+    assert_eq!(ours.score.to_bits(), processed.face.unwrap().appearance.unwrap().score.to_bits());
     assert_eq!(bits(ours.landmarks.0.as_flattened()), bits(processed.face.unwrap().landmarks.0.as_flattened()));
     true
 }
@@ -93,6 +95,23 @@ fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
         assert!(solved > 200, "{solved} frames");
     }
     assert_eq!(default_shaping(), shaping(&Settings::default()));
+}
+
+#[test]
+fn a_face_in_view_scores_17_to_30_and_one_that_is_upside_down_less_than_15() {
+    let scores = |rotation| {
+        let mut tracker = FaceTracker::new().unwrap();
+        let mut scores = Vec::new();
+        play(60, |picture, time| {
+            let turned = Picture { rotation, ..*picture };
+            scores.extend(tracker.process(&turned, time).unwrap().map(|face| face.score));
+        });
+        scores
+    };
+    let upright = scores(Rotation::None);
+    assert!(upright.len() == 60 && upright.iter().all(|score| (17.0..30.0).contains(score)), "{upright:?}");
+    let doubtful = scores(Rotation::Half);
+    assert!(doubtful.len() > 30 && doubtful.iter().all(|score| (0.0..15.0).contains(score)), "{doubtful:?}");
 }
 
 #[test]

@@ -155,6 +155,12 @@ class Results(unittest.TestCase):
         self.assertEqual(tracker.process_all(numpy.zeros_like(pair)), [])
         self.assertIsNone(tracker.process(numpy.zeros_like(pair)))
 
+    def test_the_score_tells_a_face_in_view_from_one_that_is_upside_down(self):
+        tracker = facewire.FaceTracker(stills=True)
+        self.assertTrue(17 < tracker.process(PICTURE).score < 30)
+        doubtful = tracker.process(numpy.ascontiguousarray(PICTURE[::-1, ::-1]))
+        self.assertTrue(doubtful is None or 0 <= doubtful.score < 15)
+
     def test_faces_at_rest_become_the_neutral_face(self):
         tracker = facewire.FaceTracker()
         faces = [tracker.process(PICTURE, 0.03 * number) for number in range(10)]

@@ -91,9 +91,9 @@ impl<'a> Picture<'a> {
     }
 
     /// The place in the rows of a point of the upright picture. Whole numbers are centres of pixels.
-    pub fn in_rows(&self, point: [f32; 2]) -> [f32; 2] {
+    pub fn in_rows(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let last = [self.width, self.height].map(|side| side as f32 - 1.0);
-        self.rotation.in_rows(point, last)
+        self.rotation.in_rows([x, y], last)
     }
 }
 

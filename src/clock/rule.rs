@@ -27,11 +27,11 @@ struct Change {
 #[derive(Debug, PartialEq, Eq)]
 enum Day {
     /// From 1 to 365. 29 February is never counted.
-    WithoutLeapDay(i64),
+    Common(i64),
     /// From 0 to 365.
-    OfYear(i64),
+    Any(i64),
     /// The `week`-th of these weekdays in the month, the last one if `week` is 5. Sunday is 0.
-    OfMonth { month: i64, week: i64, weekday: i64 },
+    Weekday { month: i64, week: i64, weekday: i64 },
 }
 
 impl Rule {
@@ -70,12 +70,12 @@ impl Change {
     fn in_year(&self, year: i64) -> i64 {
         let new_year = days_until(year, 1, 1);
         let day = match self.day {
-            Day::OfYear(day) => new_year + day,
-            Day::WithoutLeapDay(day) => {
+            Day::Any(day) => new_year + day,
+            Day::Common(day) => {
                 let is_behind_leap_day = day > 59 && days_until(year, 3, 1) - new_year == 60;
                 new_year + day - 1 + i64::from(is_behind_leap_day)
             }
-            Day::OfMonth { month, week, weekday } => {
+            Day::Weekday { month, week, weekday } => {
                 let first = days_until(year, month, 1);
                 let next_month = days_until(year + month / 12, month % 12 + 1, 1);
                 // 1 January 1970 was a Thursday.
@@ -156,15 +156,15 @@ impl Text<'_> {
     fn change(&mut self) -> Option<Change> {
         self.take(b',')?;
         let day = if self.take(b'J').is_some() {
-            Day::WithoutLeapDay(self.number(365).filter(|day| *day > 0)?)
+            Day::Common(self.number(365).filter(|day| *day > 0)?)
         } else if self.take(b'M').is_some() {
             let month = self.number(12).filter(|month| *month > 0)?;
             self.take(b'.')?;
             let week = self.number(5).filter(|week| *week > 0)?;
             self.take(b'.')?;
-            Day::OfMonth { month, week, weekday: self.number(6)? }
+            Day::Weekday { month, week, weekday: self.number(6)? }
         } else {
-            Day::OfYear(self.number(365)?)
+            Day::Any(self.number(365)?)
         };
         let time_s = if self.take(b'/').is_some() { self.time()? } else { 2 * 3600 };
         Some(Change { day, time_s })

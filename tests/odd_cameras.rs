@@ -403,7 +403,7 @@ fn interlaced_pictures_are_shown_and_halves_of_them_are_refused_by_name() {
 fn a_camera_module_whose_service_gives_no_picture_is_tried_after_the_other_cameras_the_next_time() {
     let camera = Camera { intervals: FPS_120, ..Camera::default() };
     let machine = Cameras::one(&camera);
-    mknodat(CWD, &machine.module(), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    mknodat(CWD, machine.module(), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
     let (service, receiver) = machine.serve(AUTO);
     receiver.until(IS_NO_FACE);
     let _feed = Feed::start(&machine.module());

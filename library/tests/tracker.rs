@@ -130,8 +130,8 @@ fn a_face_in_view_scores_17_to_30_and_one_whose_upper_half_is_covered_less_than_
         doubtful.extend(doubting.process(&picture, time).unwrap().map(|face| face.score));
     });
     assert!(clear.iter().all(|score| (17.0..30.0).contains(score)), "{clear:?}");
-    let mean = doubtful.iter().sum::<f32>() / doubtful.len() as f32;
-    assert!(doubtful.len() > 20 && doubtful.iter().all(|score| *score >= 0.0) && mean < 15.0, "{doubtful:?}");
+    doubtful.sort_by(f32::total_cmp);
+    assert!(doubtful.len() > 20 && doubtful[0] >= 0.0 && doubtful[doubtful.len() / 2] < 15.0, "{doubtful:?}");
 }
 
 #[test]

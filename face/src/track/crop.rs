@@ -153,7 +153,7 @@ impl Crop<'_> {
 #[allow(clippy::float_cmp, clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss)]
 mod tests {
     use super::*;
-    use crate::picture::Pixels;
+    use crate::picture::{Pixels, Rotation};
 
     fn samples(picture: &Picture, region: &FaceBox, shape: CropShape, block: &mut Block) -> Vec<[f32; 3]> {
         let mut rows = vec![[f32::NAN; 3 * MAX_SIDE]; shape.side];

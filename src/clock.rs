@@ -1,9 +1,13 @@
 //! The clocks of the machine.
 
+mod rule;
+
 use std::fs;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use rustix::time::{ClockId, clock_gettime};
+
+use self::rule::Rule;
 
 /// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
 pub fn monotonic_us() -> u64 {
@@ -54,13 +58,17 @@ impl LocalTime {
     }
 }
 
-/// What local time is ahead of UTC, and since when, both in seconds. The first entry has no beginning.
 #[derive(Debug, Default)]
-struct Zone(Vec<(i64, i64)>);
+struct Zone {
+    /// What local time is ahead of UTC, and since when, both in seconds. The first entry has no beginning.
+    changes: Vec<(i64, i64)>,
+    /// What holds after the last change. Without a rule, nothing changes any more.
+    rule: Option<Rule>,
+}
 
 impl Zone {
-    /// Reads a file as RFC 8536 defines it. Its rule for the time after the last change is left out: in Debian's files, the
-    /// changes reach to the year 2037.
+    /// Reads a file as RFC 8536 defines it. In Debian's files, the listed changes reach to the year 2037. In others the rule begins
+    /// earlier.
     fn parse(file: &[u8]) -> Option<Self> {
         // The same data come twice, first with times of 32 bits.
         let first = Counts::read(file)?;
@@ -74,11 +82,17 @@ impl Zone {
         for (time, kind) in times.as_chunks().0.iter().zip(kinds) {
             changes.push((i64::from_be_bytes(*time), ahead_s(*kind)?));
         }
-        Some(Self(changes))
+        let rule = file.get(HEADER_BYTES + counts.bytes(8)..).and_then(|rest| rest.strip_prefix(b"\n"));
+        let rule = rule.and_then(|rest| rest.split(|byte| *byte == b'\n').next()).and_then(Rule::parse);
+        Some(Self { changes, rule })
     }
 
     fn offset_s(&self, utc_s: i64) -> i64 {
-        self.0.iter().rev().find(|(since_s, _)| *since_s <= utc_s).map_or(0, |(_, ahead_s)| *ahead_s)
+        let is_after_last = self.changes.last().is_some_and(|(since_s, _)| *since_s <= utc_s);
+        if let Some(rule) = self.rule.as_ref().filter(|_| is_after_last) {
+            return rule.offset_s(utc_s);
+        }
+        self.changes.iter().rev().find(|(since_s, _)| *since_s <= utc_s).map_or(0, |(_, ahead_s)| *ahead_s)
     }
 }
 
@@ -121,8 +135,8 @@ impl Counts {
 mod tests {
     use super::*;
 
-    /// A zone with these changes: when, and which of the kinds, which are so many seconds ahead of UTC.
-    fn zone(changes: &[(i64, u8)], kinds: &[i32]) -> Vec<u8> {
+    /// A zone with these changes: when, and which of the kinds, which are so many seconds ahead of UTC. A rule may follow.
+    fn zone(changes: &[(i64, u8)], kinds: &[i32], rule: &str) -> Vec<u8> {
         let header = |changes: usize, kinds: usize| {
             let counts = [0, 1, 0, changes, kinds, 4].map(|count| u32::try_from(count).unwrap().to_be_bytes());
             [&b"TZif2"[..], &[0; 15], counts.as_flattened()].concat()
@@ -138,22 +152,36 @@ mod tests {
             data.extend(b"LMT\0\0");
             data
         };
-        [data(4), data(8), b"\nCET-1CEST,M3.5.0,M10.5.0/3\n".to_vec()].concat()
+        [data(4), data(8), format!("\n{rule}\n").into_bytes()].concat()
+    }
+
+    const BERLIN: &str = "CET-1CEST,M3.5.0,M10.5.0/3";
+
+    /// `zic -b slim` writes such files.
+    #[test]
+    fn summer_time_that_stands_in_the_rule_of_a_zone_alone_holds_after_the_last_listed_change() {
+        let (spring, autumn) = (1_774_746_000, 1_792_890_000);
+        for changes in [&[][..], &[(-2_422_054_408, 1), (autumn - 400 * 86_400, 1)]] {
+            let berlin = Zone::parse(&zone(changes, &[3208, 3600], BERLIN)).unwrap();
+            let offsets = [spring - 1, spring, autumn - 1, autumn].map(|at| berlin.offset_s(at));
+            assert_eq!(offsets, [3600, 7200, 7200, 3600], "{changes:?}");
+        }
+        let before = Zone::parse(&zone(&[(autumn, 1)], &[3208, 3600], BERLIN)).unwrap();
+        assert_eq!(before.offset_s(spring), 3208, "the rule does not hold before");
     }
 
     #[test]
     fn a_zone_says_what_local_time_is_ahead_at_each_time_and_a_cut_or_wrong_file_says_nothing() {
         // Berlin: summer time in 2026, and winter time after it.
         let (spring, autumn) = (1_774_746_000, 1_792_890_000);
-        let file = zone(&[(-2_422_054_408, 1), (spring, 2), (autumn, 1)], &[3208, 3600, 7200]);
+        let file = zone(&[(-2_422_054_408, 1), (spring, 2), (autumn, 1)], &[3208, 3600, 7200], BERLIN);
         let berlin = Zone::parse(&file).unwrap();
         let offsets = [-3_000_000_000, 0, spring - 1, spring, autumn - 1, autumn].map(|at| berlin.offset_s(at));
         assert_eq!(offsets, [3208, 3600, 3600, 7200, 7200, 3600]);
-        assert_eq!(Zone::parse(&zone(&[], &[-12_600])).unwrap().offset_s(spring), -12_600);
-        let rule = b"\nCET-1CEST,M3.5.0,M10.5.0/3\n".len();
-        let data = file.len() - rule - b"LMT\0\0".len();
+        assert_eq!(Zone::parse(&zone(&[], &[-12_600], "")).unwrap().offset_s(spring), -12_600);
+        let data = file.len() - BERLIN.len() - b"\n\nLMT\0\0".len();
         (0..data).for_each(|length| assert!(Zone::parse(&file[..length]).is_none(), "{length}"));
-        assert!(Zone::parse(&zone(&[(0, 7)], &[0])).is_none(), "there is no seventh kind");
+        assert!(Zone::parse(&zone(&[(0, 7)], &[0], "")).is_none(), "there is no seventh kind");
         assert!(Zone::parse(&[&b"TZif2"[..], &[0xFF; 100]].concat()).is_none());
         assert_eq!(Zone::default().offset_s(spring), 0);
     }
@@ -161,7 +189,7 @@ mod tests {
     #[test]
     fn local_time_goes_on_evenly_while_the_system_clock_is_read_unevenly_and_follows_it_when_it_is_set() {
         let noon_us = 1_774_785_600_000_000;
-        let mut time = LocalTime { zone: Zone::parse(&zone(&[], &[7200])).unwrap(), ahead_us: 0 };
+        let mut time = LocalTime { zone: Zone::parse(&zone(&[], &[7200], "")).unwrap(), ahead_us: 0 };
         let hours_us = |hours: u64| hours * 3_600_000_000;
         assert_eq!(time.at(1000, noon_us), noon_us + hours_us(2));
         // The thread may be interrupted between both clocks, and the system's clock may be corrected a little.

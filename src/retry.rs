@@ -3,6 +3,8 @@
 use std::{collections::VecDeque, fmt::Display, time::Duration};
 
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
+/// The same where attempts that fail are a burden to the device.
+const RARE_WAIT: Duration = Duration::from_secs(5);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
 
 /// The growing waits between attempts: 100 ms at first, then twice as long each time, up to [`LONGEST_WAIT`]. Start with
@@ -25,8 +27,20 @@ impl BackOff {
         self.wait()
     }
 
+    /// As [`BackOff::wait_after`], but the waits grow up to [`RARE_WAIT`].
+    pub fn wait_longer_after(&mut self, lasted: Duration) -> Duration {
+        if has_lasted(lasted) {
+            *self = Self::default();
+        }
+        self.wait_up_to(RARE_WAIT)
+    }
+
     pub fn wait(&mut self) -> Duration {
-        self.0 = (2 * self.0).clamp(FIRST_WAIT, LONGEST_WAIT);
+        self.wait_up_to(LONGEST_WAIT)
+    }
+
+    fn wait_up_to(&mut self, longest: Duration) -> Duration {
+        self.0 = (2 * self.0).clamp(FIRST_WAIT, longest);
         self.0
     }
 }
@@ -97,6 +111,10 @@ mod tests {
         assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
         assert_eq!(wait_ms(999), 1000, "a glimpse");
         assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
+        let mut rare_ms = |lasted_ms| back_off.wait_longer_after(Duration::from_millis(lasted_ms)).as_millis();
+        assert_eq!([0; 7].map(&mut rare_ms), [400, 800, 1600, 3200, 5000, 5000, 5000]);
+        assert_eq!([2000, 0].map(&mut rare_ms), [100, 200]);
+        assert_eq!(back_off.wait().as_millis(), 400);
     }
 
     #[test]

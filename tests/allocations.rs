@@ -65,7 +65,7 @@ impl Way {
         let news: News = processed.pose().map(|pose| (pose, frame.captured_us));
         let output = self.failsafe.update(&mut self.history, now_us, Some(&news));
         self.link.offer(&self.settings, RATES, now_us, &output);
-        self.watch.frame(&frame, processed.face);
+        self.watch.frame(&frame, processed.face, false);
         // The service observes frames only while a calibration runs.
         self.observations.write(processed.observe(false));
         self.live += usize::from(output.state == State::Live);

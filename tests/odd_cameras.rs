@@ -22,7 +22,7 @@ use common::service::counted;
 use facewire::capture::v4l2::{Layout, Store};
 use facewire_face::FaceBox;
 use facewire_face::stages::{Block, Border, CropShape, crop};
-use facewire_packet::{Packet, Reason, yaw_pitch_roll_deg};
+use facewire_packet::{Packet, Reason, State, yaw_pitch_roll_deg};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::io::Errno;
 use v4l::format::Quantization;
@@ -276,6 +276,142 @@ fn a_driver_that_returns_an_undefined_value_is_named() {
             "the driver of /dev/video0 returned a value that the kernel does not define (Invalid field order";
         assert!(said.starts_with(sentence), "{said}");
     }
+}
+
+/// The node that a program feeds may become a camera at any time, so that it shows how often the service has looked.
+#[test]
+fn a_node_that_is_no_camera_is_opened_once_and_that_of_a_codec_never_until_a_camera_comes() {
+    let metadata = [VIDEO_CAPTURE | META_CAPTURE | STREAMING | DEVICE_CAPS, META_CAPTURE | STREAMING];
+    let planes = VIDEO_CAPTURE_MPLANE | STREAMING;
+    let machine = Cameras::with(&[
+        Camera { driver: "bcm2835-codec", formats: &["NV12"], ..Camera::built_in() },
+        Camera { capabilities: metadata, ..Camera::default() },
+        Camera { formats: &["pBAA"], ..Camera::built_in() },
+        Camera { capabilities: [planes | DEVICE_CAPS, planes], ..Camera::built_in() },
+        Camera { formats: &[], ..Camera::of_a_program() },
+    ]);
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_CAMERA);
+    eventually("five attempts", || machine.called(4, "open") >= 5);
+    assert_eq!([0, 1, 2, 3].map(|number| machine.called(number, "open")), [0, 1, 1, 1]);
+    machine.plug(2, &Camera::default());
+    receiver.until(IS_NO_FACE);
+    service.await_log("camera opened: Simulated camera (/dev/video2)");
+    assert_eq!([0, 1, 3].map(|number| machine.called(number, "open")), [0, 1, 1]);
+}
+
+#[test]
+fn a_camera_that_was_busy_is_used_once_it_is_free_although_nothing_shows_that_at_its_node() {
+    let busy = Failure { call: "REQBUFS", error: Errno::BUSY, nth: 1 };
+    let machine = Cameras::one(&Camera { failures: vec![busy; 4], ..Camera::default() });
+    let (service, receiver) = machine.serve(AUTO);
+    service.await_log("/dev/video0 is in use by another program");
+    receiver.until(IS_NO_FACE);
+    assert_eq!(machine.called(0, "STREAMON"), 1);
+}
+
+#[test]
+fn a_camera_that_has_just_appeared_is_tried_until_it_has_its_group_and_only_then_the_operator_is_told_to_join_it() {
+    let refused = Camera { is_new: true, ..Camera::failing("open", Errno::ACCESS) };
+    for device in ["auto", "/dev/video0"] {
+        let machine = Cameras::one(&refused);
+        let (service, receiver) = machine.serve(&settings_for(device));
+        service.await_log("/dev/video0 has just appeared, and has no permissions yet; wait some seconds");
+        machine.change(0, &Camera { is_new: true, ..Camera::default() });
+        receiver.until(IS_NO_FACE);
+        assert_eq!(service.logged("add the user to the group"), 0, "{device}: {}", service.log());
+        machine.plug(0, &Camera { is_new: false, ..refused.clone() });
+        service.await_log("no permission to open /dev/video0; add the user to the group `video`");
+    }
+}
+
+#[test]
+fn a_camera_whose_picture_stands_still_is_none_and_is_opened_again_ever_more_rarely_until_the_picture_moves() {
+    let machine = Cameras::with(&[]);
+    let moving = machine.show_clip(Camera { formats: &["MJPG"], ..Camera::default() });
+    let still = Camera { frames: machine.film("still", &clip_jpegs(1)), ..moving.clone() };
+    let (service, receiver) = machine.serve(PATIENT);
+    receiver.live();
+    machine.change(0, &still);
+    receiver.until(IS_NO_CAMERA);
+    service.await_log(
+        "camera lost: 8 frames in a row were bad (the last: it shows the same picture as for a second before",
+    );
+    receiver.until_state(State::Neutral);
+    receiver.rest();
+    let before = machine.called(0, "STREAMON");
+    eventually("another attempt", || machine.called(0, "STREAMON") >= before + 2);
+    assert!(
+        receiver.rest().iter().all(|packet| packet.state == State::Neutral),
+        "a picture that stood still was shown"
+    );
+    machine.change(0, &moving);
+    receiver.live();
+    assert_eq!(counted(&service.status(), "cameras_opened"), 2);
+    let told = ["camera lost: ", "no camera: "].map(|line| service.logged(line));
+    assert_eq!(told, [1, 0], "{}", service.log());
+}
+
+#[test]
+fn a_still_picture_that_a_program_sends_is_shown_and_reported() {
+    let machine = Cameras::with(&[]);
+    let still = Camera { formats: &["MJPG"], frames: machine.film("still", &clip_jpegs(1)), ..Camera::of_a_program() };
+    machine.plug(0, &still);
+    let (service, receiver) = machine.serve(PATIENT);
+    receiver.live();
+    service.await_log("tracking is impaired: the picture does not change at all");
+    assert!(service.status().contains("frozen-picture"), "{}", service.log());
+    receiver.rest();
+    receiver.live();
+    let moving = Camera { frames: machine.film("moving", &clip_jpegs(20)), ..still };
+    machine.change(0, &moving);
+    eventually("a picture that moves", || !service.status().contains("frozen-picture"));
+    assert_eq!(counted(&service.status(), "cameras_opened"), 1);
+}
+
+#[test]
+fn interlaced_pictures_are_shown_and_halves_of_them_are_refused_by_name() {
+    let small = Listing::Discrete(&[[320, 240]]);
+    for (field, sizes) in [(4, Camera::default().sizes), (8, small), (9, small), (2, small), (3, small)] {
+        let machine = Cameras::one(&Camera { field, sizes, ..Camera::default() });
+        let (service, receiver) = machine.serve(AUTO);
+        receiver.until(IS_NO_FACE);
+        service.await_log("camera opened: ");
+        assert!(!machine.calls(0).contains(" field 4\n"), "{}", machine.calls(0));
+    }
+    let flat = Listing::Discrete(&[[640, 240]]);
+    for (field, sizes, name) in [
+        (2, flat, "top"),
+        (3, flat, "bottom"),
+        (5, small, "sequential, top then bottom"),
+        (6, small, "sequential, bottom then top"),
+        (7, small, "alternate between fields"),
+    ] {
+        let machine = Cameras::one(&Camera { field, sizes, ..Camera::default() });
+        let said = refusal(&machine, AUTO);
+        let sentence = "/dev/video0 sends pictures of which every second row is elsewhere (fields: ";
+        assert!(
+            said.starts_with(&format!("{sentence}{name}); switch what is connected to it to a progressive mode")),
+            "{said}"
+        );
+        assert_eq!(machine.calls(0).matches(" field 4\n").count(), 1, "{}", machine.calls(0));
+    }
+}
+
+/// Whichever is opened shows what was tried first: the module works by then, too.
+#[test]
+fn a_camera_module_whose_service_gives_no_picture_is_tried_after_the_other_cameras_the_next_time() {
+    let camera = Camera { intervals: FPS_120, ..Camera::default() };
+    let machine = Cameras::one(&camera);
+    mknodat(CWD, machine.module(), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    let (service, receiver) = machine.serve(AUTO);
+    receiver.until(IS_NO_FACE);
+    let _feed = Feed::start(&machine.module());
+    let failure = Failure { call: "DQBUF", error: Errno::IO, nth: 1 };
+    machine.change(0, &Camera { failures: vec![failure], ..camera });
+    eventually("the camera", || service.logged("camera opened: Simulated camera (/dev/video0") == 2);
+    machine.unplug(0);
+    service.await_log("camera opened: /run/facewire-camera/video: JPEG 640x480");
 }
 
 #[test]

@@ -55,6 +55,9 @@ impairments! {
     MissingFrames = "missing-frames",
         "frames get lost or damaged between camera and board: give the camera a USB port of its own instead of a hub, use a \
          short cable, set camera.format = \"mjpeg\", or choose a smaller picture";
+    /// Not of a camera, which is closed and opened again then, but of a program that makes the pictures.
+    FrozenPicture = "frozen-picture",
+        "the picture does not change at all: if it is not a photo, look after the program that sends it";
     Undervoltage = "undervoltage",
         "the supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable";
     /// The board has reduced its clock rate, or is about to.

@@ -48,12 +48,14 @@ int main(int argc, char **argv)
         for (size_t i = 1; i < FACEWIRE_BLENDSHAPES; i++)
             if (face.coefficients[i] > face.coefficients[strongest])
                 strongest = i;
-        printf("%llu: %s %.2f, yaw %.0f degrees\n", (unsigned long long)frame, facewire_blendshape(strongest),
-               (double)face.coefficients[strongest], (double)face.yaw_pitch_roll_deg[0]);
+        printf("%llu: %s %.2f, yaw %.0f degrees%s\n", (unsigned long long)frame, facewire_blendshape(strongest),
+               (double)face.coefficients[strongest], (double)face.yaw_pitch_roll_deg[0],
+               face.score < 15 ? ", a doubtful face" : "");
         if (values != NULL) {
             fwrite(face.coefficients, sizeof face.coefficients, 1, values);
             fwrite(face.rotation_xyzw, sizeof face.rotation_xyzw, 1, values);
             fwrite(face.position_mm, sizeof face.position_mm, 1, values);
+            fwrite(&face.score, sizeof face.score, 1, values);
             fwrite(face.landmarks, sizeof face.landmarks, 1, values);
         }
     }

@@ -115,6 +115,8 @@ pub struct Face {
     pub gaze_yaw_pitch_deg: [f32; 2],
     /// The neutral face from which coefficients are measured: 0 the mean of many people, 1 estimated, 2 calibrated.
     pub neutral: u32,
+    /// How surely the network sees a face: its log-odds, 17 to 30 for one in view. Below 15 the face is doubtful.
+    pub score: f32,
     /// x, y and z of the landmarks in pixels of the picture.
     pub landmarks: [[f32; 3]; FACEWIRE_LANDMARKS],
 }
@@ -133,6 +135,7 @@ impl From<&facewire_library::Face> for Face {
                 NeutralFace::Estimated => 1,
                 NeutralFace::Calibrated => 2,
             },
+            score: face.score,
             landmarks: face.landmarks.0,
         }
     }

@@ -45,6 +45,17 @@ impl Rotation {
     pub const fn is_sideways(self) -> bool {
         matches!(self, Self::Quarter | Self::ThreeQuarters)
     }
+
+    /// The place in the rows of a point of the upright picture, if `right` and `bottom` are the places of the last pixel of a row
+    /// and of the last row. If both are 0, this turns a direction.
+    pub(crate) fn in_rows(self, [x, y]: [f32; 2], [right, bottom]: [f32; 2]) -> [f32; 2] {
+        match self {
+            Self::None => [x, y],
+            Self::Quarter => [y, bottom - x],
+            Self::Half => [right - x, bottom - y],
+            Self::ThreeQuarters => [right - y, x],
+        }
+    }
 }
 
 /// The samples of a picture. A stride is the number of bytes from one row to the next.
@@ -81,14 +92,8 @@ impl<'a> Picture<'a> {
 
     /// The place in the rows of a point of the upright picture. Whole numbers are centres of pixels.
     pub fn in_rows(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let right = self.width as f32 - 1.0;
-        let bottom = self.height as f32 - 1.0;
-        match self.rotation {
-            Rotation::None => [x, y],
-            Rotation::Quarter => [y, bottom - x],
-            Rotation::Half => [right - x, bottom - y],
-            Rotation::ThreeQuarters => [right - y, x],
-        }
+        let last = [self.width, self.height].map(|side| side as f32 - 1.0);
+        self.rotation.in_rows([x, y], last)
     }
 }
 

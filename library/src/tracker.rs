@@ -31,6 +31,9 @@ pub struct Face {
     pub gaze: Gaze,
     /// The neutral face from which the coefficients are measured.
     pub neutral: NeutralFace,
+    /// How surely the network sees a face: the log-odds that it computes, from 0 on. It is 17 to 30 for a face in view. Below 15
+    /// the face is doubtful, for instance because its upper half is covered, and its coefficients may be wrong.
+    pub score: f32,
 }
 
 impl Face {
@@ -41,6 +44,7 @@ impl Face {
         head: HeadPose { rotation_xyzw: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3] },
         gaze: Gaze { yaw_pitch_deg: [0.0; 2], vergence_deg: 0.0 },
         neutral: NeutralFace::Mean,
+        score: 0.0,
     };
 
     /// The coefficient of this name, such as `jawOpen`.
@@ -207,6 +211,7 @@ impl Seat {
         self.face.head = solution.head;
         self.face.gaze = Gaze::of(&Coefficients(solution.smoothed.0));
         self.face.neutral = solution.neutral_face;
+        self.face.score = self.mesh.face().appearance.map_or(0.0, |seen| seen.score);
         Ok(())
     }
 }

@@ -79,6 +79,7 @@ fn is_same((tracker, pipeline): &mut (FaceTracker, Pipeline), frame: &Frame) -> 
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&ours.coefficients), bits(&theirs.smoothed.0), "frame {}", frame.number);
     assert_eq!((ours.head, ours.neutral), (theirs.head, theirs.neutral_face));
+    assert_eq!(ours.score.to_bits(), processed.face.unwrap().appearance.unwrap().score.to_bits());
     assert_eq!(bits(ours.landmarks.0.as_flattened()), bits(processed.face.unwrap().landmarks.0.as_flattened()));
     true
 }
@@ -93,6 +94,44 @@ fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
         assert!(solved > 200, "{solved} frames");
     }
     assert_eq!(default_shaping(), shaping(&Settings::default()));
+}
+
+/// The picture with something dark over the upper half of this face, as a headset is.
+fn covered(picture: &Picture, face: &Face) -> Vec<u8> {
+    let Pixels::Planar { planes, strides, chroma_shift: [1, 0] } = picture.pixels else { panic!() };
+    let ends = |axis: usize| {
+        let places = face.landmarks.0.map(|point| point[axis]);
+        [places.iter().copied().fold(f32::INFINITY, f32::min).max(0.0), places.iter().copied().fold(0.0, f32::max)]
+    };
+    let [[left, right], [top, bottom]] = [0, 1].map(ends);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "places in a picture")]
+    let [left, right, top, bottom] = [left, right, top, top + 0.55 * (bottom - top)].map(|place| place as usize);
+    let strides = [strides[0], strides[1], strides[1]];
+    let plane = |(plane, stride, dark): (&[u8], usize, u8)| {
+        let mut samples = plane[..stride * SIZE[1]].to_vec();
+        let part = SIZE[0] / stride;
+        for row in samples.chunks_exact_mut(stride).take(bottom).skip(top) {
+            row[left / part..right / part].fill(dark);
+        }
+        samples
+    };
+    (0..3).flat_map(|at| plane((planes[at], strides[at], [30, 128, 128][at]))).collect()
+}
+
+#[test]
+fn a_face_in_view_scores_17_to_30_and_one_whose_upper_half_is_covered_less_than_15() {
+    let [mut tracker, mut doubting] = [FaceTracker::new().unwrap(), FaceTracker::new().unwrap()];
+    let [mut clear, mut doubtful] = [Vec::new(), Vec::new()];
+    play(30, |picture, time| {
+        let face = tracker.process(picture, time).unwrap().unwrap();
+        clear.push(face.score);
+        let samples = covered(picture, face);
+        let picture = Format::I422.picture(&samples, SIZE).unwrap();
+        doubtful.extend(doubting.process(&picture, time).unwrap().map(|face| face.score));
+    });
+    assert!(clear.iter().all(|score| (17.0..30.0).contains(score)), "{clear:?}");
+    doubtful.sort_by(f32::total_cmp);
+    assert!(doubtful.len() > 20 && doubtful[0] >= 0.0 && doubtful[doubtful.len() / 2] < 15.0, "{doubtful:?}");
 }
 
 #[test]

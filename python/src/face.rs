@@ -79,6 +79,12 @@ impl Face {
         }
     }
 
+    /// How surely the network sees a face: its log-odds, 17 to 30 for one in view. Below 15 the face is doubtful.
+    #[getter]
+    fn score(&self) -> f32 {
+        self.found.score
+    }
+
     fn __getitem__(&self, name: &str) -> PyResult<f32> {
         self.found.coefficient(name).ok_or_else(|| PyKeyError::new_err(name.to_owned()))
     }

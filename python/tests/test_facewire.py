@@ -155,6 +155,16 @@ class Results(unittest.TestCase):
         self.assertEqual(tracker.process_all(numpy.zeros_like(pair)), [])
         self.assertIsNone(tracker.process(numpy.zeros_like(pair)))
 
+    def test_the_score_tells_a_face_in_view_from_one_whose_upper_half_is_covered(self):
+        tracker = facewire.FaceTracker(stills=True)
+        face = tracker.process(PICTURE)
+        self.assertTrue(17 < face.score < 30)
+        top, bottom = face.landmarks[:, 1].min(), face.landmarks[:, 1].max()
+        covered = PICTURE.copy()
+        covered[int(top):int(top + 0.55 * (bottom - top))] = 30
+        doubtful = tracker.process(covered)
+        self.assertTrue(doubtful is None or 0 <= doubtful.score < face.score - 5)
+
     def test_faces_at_rest_become_the_neutral_face(self):
         tracker = facewire.FaceTracker()
         faces = [tracker.process(PICTURE, 0.03 * number) for number in range(10)]

@@ -25,6 +25,8 @@ const LIST_BYTES: usize = 12;
 const FRAME_BYTES: usize = CHUNK_BYTES + START_OF_IMAGE.len();
 /// Number of bytes in which the first image is looked for.
 const AHEAD_BYTES: usize = 1024 * 1024;
+/// Number of bytes in which the end of a frame is looked for at first.
+const FIRST_REACH_BYTES: usize = 4096;
 /// Largest number of bytes that are read at once, unless more are wanted.
 const READ_BYTES: usize = 64 * 1024;
 /// Bytes by which a chunk may begin later than it should, because its writer fills up words of 4 bytes. It may begin one byte
@@ -245,15 +247,18 @@ impl<R: Read> Riff<R> {
         let stream = self.stream;
         let ahead = self.peek(AHEAD_BYTES)?;
         let is_frame = |at: &usize| ahead.get(*at..).is_some_and(|bytes| begins_frame(bytes, stream));
-        let found = (0..ahead.len()).filter(is_frame).find_map(|at| {
-            let (_, bytes) = chunk(ahead.get(at..)?)?;
-            let content = ahead.get(at + CHUNK_BYTES..)?;
-            let size = image_size(content)?;
+        let mut frames = (0..ahead.len()).filter(is_frame).peekable();
+        while let Some(at) = frames.next() {
+            // Each byte is looked at for one frame alone, however many there are.
+            let end = frames.peek().copied().unwrap_or(ahead.len());
+            let Some((_, bytes)) = ahead.get(at..).and_then(chunk) else { continue };
+            let content = ahead.get(at + CHUNK_BYTES..end).unwrap_or_default();
+            let Some(size) = image_size(content) else { continue };
             let frame = content.get(..bytes as usize).unwrap_or(content);
             let is_low = size[0] == stated[0] && 4 * size[1] < 3 * stated[1];
-            Some((size, is_low && (2 * size[1] == stated[1] || has_second_image(frame))))
-        });
-        Ok(found)
+            return Ok(Some((size, is_low && (2 * size[1] == stated[1] || has_second_image(frame)))));
+        }
+        Ok(None)
     }
 
     /// Passes the beginning of the next frame, and all that is before it. Returns the number of bytes that the frame states.
@@ -318,22 +323,37 @@ impl<R: Read> Riff<R> {
     /// Returns the number of bytes of a frame that states `stated` bytes: fewer if the next frame begins before its end.
     /// Reads the frame if it fits the buffer.
     fn frame_bytes(&mut self, stated: u32) -> io::Result<u64> {
-        let stream = self.stream;
         let room = self.buffer.len() - FRAME_BYTES;
         let next = self.peek(START_OF_IMAGE.len())?;
         // An image of 0 bytes was written by a recorder that was stopped, and goes on up to the next frame.
         let is_unfinished = stated == 0 && next.starts_with(START_OF_IMAGE);
         let stated = if is_unfinished { u64::MAX >> 1 } else { stated.into() };
         let wanted = usize::try_from(stated).unwrap_or(usize::MAX).min(room);
-        let next = self.peek(wanted + FRAME_BYTES)?;
-        let within = next.get(..next.len().min(wanted + FRAME_BYTES - 1)).unwrap_or_default();
-        let following = within.windows(FRAME_BYTES).position(|bytes| begins_frame(bytes, stream));
-        if following.is_none() && next.len() < wanted {
+        let following = self.following_frame(wanted)?;
+        if following.is_none() && self.ahead.len() < wanted {
             return Err(ErrorKind::UnexpectedEof.into());
         }
         let [bytes, padded] = following.map_or([stated, stated.next_multiple_of(2)], |at| [at as u64; 2]);
         self.expected = self.offset + padded;
         Ok(bytes)
+    }
+
+    /// Reads `wanted` bytes, or fewer if the next frame begins within them. Returns where it begins then. Reads no farther than
+    /// about twice the way to that frame, so that a file of very many small frames with large sizes is not read slowly.
+    fn following_frame(&mut self, wanted: usize) -> io::Result<Option<usize>> {
+        let stream = self.stream;
+        let mut searched = 0;
+        let mut reach = FIRST_REACH_BYTES.min(wanted);
+        loop {
+            let next = self.peek(reach + FRAME_BYTES)?;
+            let within = next.get(searched..next.len().min(reach + FRAME_BYTES - 1)).unwrap_or_default();
+            let found = within.windows(FRAME_BYTES).position(|bytes| begins_frame(bytes, stream));
+            if found.is_some() || reach == wanted || next.len() < reach {
+                return Ok(found.map(|at| searched + at));
+            }
+            searched = reach;
+            reach = wanted.min(2 * reach);
+        }
     }
 
     /// Whether the stream ended properly, now that fewer bytes are left than a chunk has.
@@ -680,6 +700,35 @@ mod tests {
             assert!(both.chunks(2).zip(&single).all(|(pair, row)| pair[0] == *row && pair[1] == *row), "{subsamp:?}");
             assert_eq!(rows(&film(&jpeg(16, 4, subsamp))).len(), 8, "half as high as the header says");
         }
+    }
+
+    /// Counts the reads that give something.
+    struct Counted<'a> {
+        bytes: &'a [u8],
+        reads: usize,
+    }
+
+    impl Read for Counted<'_> {
+        fn read(&mut self, room: &mut [u8]) -> io::Result<usize> {
+            let count = self.bytes.read(room)?;
+            self.reads += usize::from(count > 0);
+            Ok(count)
+        }
+    }
+
+    #[test]
+    fn a_file_of_very_many_tiny_frames_that_state_large_sizes_is_read_in_large_parts() {
+        let whole = avi(&[frame()]);
+        let mut film = whole[..position(&whole, b"01dc")].to_vec();
+        for _ in 0..150_000 {
+            film.extend([&b"01dc"[..], &0x7fff_ffff_u32.to_le_bytes(), START_OF_IMAGE, &[0; 8]].concat());
+        }
+        let reader = Counted { bytes: &film, reads: 0 };
+        let mut source = AviSource::open(reader, "film", FrameRate::FPS_30).unwrap();
+        let frames = std::iter::from_fn(|| source.skip().is_ok_and(|is_frame| is_frame).then_some(())).count();
+        assert_eq!(frames, 149_999, "the last one goes on behind the end");
+        let fewest = film.len() / READ_BYTES;
+        assert!(source.riff.reader.reads < 2 * fewest, "{} reads", source.riff.reader.reads);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Errors of sources. Each is one sentence for the operator: what is wrong, then what to do.
 
 use std::fmt::Display;
+use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::time::Duration;
@@ -45,16 +46,24 @@ pub enum CaptureError {
     NotStopped { path: String, source: io::Error },
 }
 
+/// Time after which a node has the group that the system's rules give it.
+const SETTLING: Duration = Duration::from_secs(5);
+
 /// What is done with a device that may be no camera.
 pub(super) const IDENTIFYING: &str = "asking what it is";
 
 impl CaptureError {
     /// Converts the system's error about the device at `path`.
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
+        let is_new = has_just_appeared(path);
         let path = path.display();
         Self::Unusable(match source.kind() {
             ErrorKind::NotFound => {
                 return Self::Absent(format!("no camera is called {path}; `facewire devices` lists those there are"));
+            }
+            // The system creates a node first, and gives it its group a moment later.
+            ErrorKind::PermissionDenied if is_new => {
+                format!("{path} has just appeared, and has no permissions yet; wait some seconds")
             }
             ErrorKind::PermissionDenied => format!("no permission to open {path}; add the user to the group `video`"),
             ErrorKind::ResourceBusy => {
@@ -110,6 +119,12 @@ impl CaptureError {
     }
 }
 
+/// Whether the system has created a node a few seconds ago.
+fn has_just_appeared(path: &Path) -> bool {
+    let created = fs::metadata(path).and_then(|node| node.modified());
+    created.is_ok_and(|created| created.elapsed().is_ok_and(|age| age < SETTLING))
+}
+
 /// What is wrong with one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum FrameFault {
@@ -131,6 +146,9 @@ pub enum FrameFault {
     /// The JPEG data is corrupt, or has more scans than that of a camera.
     #[error("its JPEG data is corrupt")]
     Corrupt,
+    /// No sensor sends the same picture twice.
+    #[error("it shows the same picture as for a second before, byte for byte")]
+    Repeated,
 }
 
 impl FrameFault {
@@ -142,6 +160,9 @@ impl FrameFault {
             }
             Self::Empty => {
                 "its driver delivers empty buffers: set another camera.format or size, or check the program that feeds it"
+            }
+            Self::Repeated => {
+                "open its shutter, switch on what is connected to it, or unplug the camera and plug it in again"
             }
             Self::TooLarge | Self::WrongSize { .. } | Self::Unsupported(_) => "set another camera.format or size",
         }

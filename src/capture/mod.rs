@@ -11,8 +11,10 @@ mod clip;
 mod delivery;
 mod error;
 mod jpeg;
+mod live;
 mod pipe;
 mod rehearsal;
+mod repeats;
 pub mod v4l2;
 
 pub use avi::AviSource;
@@ -23,10 +25,12 @@ pub use jpeg::JpegDecoder;
 
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::path::Path;
 use std::time::Duration;
 
 use facewire_face::{Camera, Face, Picture};
 
+use self::live::{failed, remember};
 use self::pipe::{MODULE, PipeSource, is_pipe};
 use self::rehearsal::Rehearsal;
 use self::v4l2::{AUTO, CameraSource, Wish};
@@ -42,13 +46,32 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
         Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
         Some(Err(expected)) => Err(CaptureError::Absent(format!("{device} is no rehearsal; give {expected}"))),
         None if is_pipe(device) => Ok(Box::new(PipeSource::open(device, wish, timeout)?)),
-        None if device == AUTO && is_pipe(MODULE) => match PipeSource::open(MODULE, wish, timeout) {
-            Ok(module) => Ok(Box::new(module)),
-            // A camera of another kind will do, if there is one.
-            Err(error) => CameraSource::open(device, wish, timeout).map_or(Err(error), |camera| Ok(Box::new(camera))),
-        },
+        None if device == AUTO && is_pipe(MODULE) => open_module_or_camera(wish, timeout),
         None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
+}
+
+/// Opens the camera module of a Raspberry Pi, or else another camera. The module is tried last if it failed before, because it
+/// takes seconds to see that its service does not work.
+fn open_module_or_camera(wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
+    let open_camera =
+        || CameraSource::open(AUTO, wish, timeout).map(|camera| Box::new(camera) as Box<dyn Source + Send>);
+    let has_failed = failed().iter().any(|path| path == Path::new(MODULE));
+    let earlier = has_failed.then(open_camera);
+    let is_final = |outcome: &Result<_, CaptureError>| matches!(outcome, Ok(_) | Err(CaptureError::NotStopped { .. }));
+    if let Some(outcome) = earlier.filter(is_final) {
+        return outcome;
+    }
+    let error = match PipeSource::open(MODULE, wish, timeout) {
+        Ok(module) => return Ok(Box::new(module)),
+        Err(error) => error,
+    };
+    remember(Path::new(MODULE), true);
+    if has_failed {
+        return Err(error);
+    }
+    let outcome = open_camera();
+    if is_final(&outcome) { outcome } else { Err(error) }
 }
 
 /// One frame and the time of its capture, lent by its source until the next call.
@@ -154,6 +177,8 @@ pub struct Tally {
     /// Bytes of a file that stood between its frames and do not belong there.
     pub stray_bytes: u64,
     pub decoding: Duration,
+    /// Whether the last frame shows the same picture as all those of the last second, and may: a program has sent it.
+    pub is_frozen: bool,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,
 }

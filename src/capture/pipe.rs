@@ -13,7 +13,7 @@
 use std::fs;
 use std::fs::File;
 use std::io::{ErrorKind, Read as _};
-use std::mem::{replace, take};
+use std::mem::replace;
 use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -23,8 +23,9 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use rustix::pipe::fcntl_setpipe_size;
 
-use super::delivery::{Arrival, Delivery, DeliveryCounter};
+use super::delivery::{Arrival, Delivery};
 use super::jpeg::{END_OF_IMAGE, START_OF_IMAGE, image_length, image_size};
+use super::live::Live;
 use super::v4l2::Wish;
 use super::{CaptureError, Content, Description, Frame, FrameFault, JpegDecoder, Source, Tally};
 use crate::clock::monotonic_us;
@@ -39,8 +40,6 @@ const STALE: Duration = Duration::from_millis(300);
 const PIPE_BYTES: usize = 1 << 20;
 /// Room for the first image, whose size is not known.
 const FIRST_BYTES: usize = 4 << 20;
-/// Largest number of frames that are left out at once, so that a wish for a far later one is not waited for.
-const MAX_LEFT_OUT: u32 = 16;
 
 pub fn is_pipe(path: &str) -> bool {
     path.starts_with('/') && fs::metadata(path).is_ok_and(|file| file.file_type().is_fifo())
@@ -58,11 +57,8 @@ pub struct PipeSource {
     size: [usize; 2],
     /// Number of whole images that have come.
     taken: u64,
-    /// Frames that came earlier are left out.
-    wanted_us: u64,
     timeout: Duration,
-    tally: Tally,
-    delivery: DeliveryCounter,
+    live: Live,
 }
 
 impl PipeSource {
@@ -86,10 +82,8 @@ impl PipeSource {
             decoder: JpegDecoder::new(size[0], size[1])?,
             size,
             taken: 0,
-            wanted_us: 0,
             timeout: START_TIMEOUT,
-            tally: Tally::default(),
-            delivery: DeliveryCounter::new(wish.rate.period_us()),
+            live: Live::new(Path::new(path), wish.rate.period_us()),
         };
         let [from, to] = source.await_image()?;
         let image = source.buffer.get(from..to).unwrap_or_default();
@@ -184,13 +178,32 @@ impl PipeSource {
             && let Some(length) = bytes.get(start..).and_then(image_length)
         {
             let sequence = self.taken as u32;
-            self.delivery.arrived(Arrival { sequence, captured_us: now_us, taken_us: now_us });
+            self.live.delivery.arrived(Arrival { sequence, captured_us: now_us, taken_us: now_us });
             self.taken += 1;
-            self.tally.for_newer += u32::from(newest.is_some());
+            self.live.tally.for_newer += u32::from(newest.is_some());
             newest = Some([from + start, from + start + length]);
             from += start + length;
         }
         newest
+    }
+
+    /// Waits for an image that is not to be left out, and decodes it. Returns the time at which it came.
+    fn keep_newest(&mut self) -> Result<u64, CaptureError> {
+        let mut place = self.await_image()?;
+        let mut captured_us = monotonic_us();
+        while self.live.leaves_out(captured_us) {
+            self.discard(place[1]);
+            place = self.await_image()?;
+            captured_us = monotonic_us();
+        }
+        let [from, to] = place;
+        let image = self.buffer.get(from..to).unwrap_or_default();
+        self.live.tally.is_frozen = self.live.repeats.is_frozen(image, captured_us);
+        let begun = Instant::now();
+        let kept = self.decoder.decode(image);
+        self.live.tally.decoding += begun.elapsed();
+        self.discard(to);
+        kept.map(|()| captured_us).map_err(|fault| self.fault(fault))
     }
 
     /// Makes room by removing what is before this place.
@@ -201,7 +214,7 @@ impl PipeSource {
     }
 
     fn fault(&mut self, fault: FrameFault) -> CaptureError {
-        self.delivery.damaged += 1;
+        self.live.delivery.damaged += 1;
         CaptureError::Frame { number: self.taken, fault }
     }
 
@@ -213,38 +226,24 @@ impl PipeSource {
 
 impl Source for PipeSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let mut left_out = 0;
-        loop {
-            let [from, to] = self.await_image()?;
-            let captured_us = monotonic_us();
-            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
-                left_out += 1;
-                self.tally.left_out += 1;
-                self.discard(to);
-                continue;
-            }
-            let begun = Instant::now();
-            let kept = self.decoder.decode(self.buffer.get(from..to).unwrap_or_default());
-            self.tally.decoding += begun.elapsed();
-            self.discard(to);
-            kept.map_err(|fault| self.fault(fault))?;
-            let number = self.taken - 1;
-            let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
-            let picture = self.decoder.picture().ok_or(missing)?;
-            return Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }));
-        }
+        let kept = self.keep_newest();
+        let captured_us = self.live.answered(kept)?;
+        let number = self.taken - 1;
+        let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
+        let picture = self.decoder.picture().ok_or(missing)?;
+        Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
     fn leave_out_until(&mut self, captured_us: u64) {
-        self.wanted_us = captured_us;
+        self.live.wanted_us = captured_us;
     }
 
     fn take_tally(&mut self) -> Tally {
-        take(&mut self.tally)
+        self.live.take_tally()
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
-        self.delivery.take()
+        self.live.delivery.take()
     }
 
     fn describe(&self) -> Description<'_> {

@@ -162,7 +162,7 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
             None => Observation::nothing(monotonic_us()),
             Some(frame) => {
                 let processed = pipeline.process(&frame);
-                watch.frame(&frame, processed.face);
+                watch.frame(&frame, processed.face, false);
                 let observation = processed.observe(watch.present().is_dark());
                 if let Err(Rejected::Infer(error)) = processed.solved {
                     return Err(error.into());

@@ -14,7 +14,7 @@ use crate::link::{Link, notes};
 use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::{MountTrial, Watch};
-use facewire_board::{self as board, Flags, ImpairmentSet, Machine, Sensors};
+use facewire_board::{self as board, Flags, Impairment, ImpairmentSet, Machine, Sensors};
 use facewire_packet::control::Take;
 
 pub const EXAMPLES: &str = "\
@@ -139,13 +139,16 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     let mut delivered = None;
     let mut last_look = None;
     let mut face_px = None;
+    let mut is_frozen = false;
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
         if let Some(frame) = camera.next()? {
             let found = find(tracker.as_deref_mut(), &mut StageTimes::default(), &frame)?;
-            last_look = watch.frame(&frame, found).or(last_look);
+            last_look = watch.frame(&frame, found, false).or(last_look);
             face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
+        camera.check()?;
+        is_frozen = camera.source.take_tally().is_frozen;
         delivered = watch.deliveries(&mut *camera.source).or(delivered);
     }
     let turned = tracker.as_deref_mut().map(|tracker| try_mount(&mut camera, tracker)).transpose()?.flatten();
@@ -166,7 +169,9 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         let degrees = rotation.degrees();
         found += &format!("; the face stands upright with another mount: set camera.rotation = {degrees}");
     }
-    Ok((found, watch.present()))
+    let mut impairments = watch.present();
+    impairments.set(Impairment::FrozenPicture, is_frozen);
+    Ok((found, impairments))
 }
 
 /// Returns the turn after which the camera shows an upright face, if it shows a face at all.

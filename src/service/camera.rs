@@ -62,7 +62,7 @@ impl OpenCamera {
     }
 
     /// Fails if so many damaged frames came in a row that the camera is to be opened again.
-    pub(super) fn check(&self) -> Result<(), CaptureError> {
+    pub fn check(&self) -> Result<(), CaptureError> {
         let too_many = self.damaged.filter(|(count, _)| *count >= MAX_DAMAGED);
         too_many.map_or(Ok(()), |(count, fault)| Err(CaptureError::AllDamaged { count, fault }))
     }

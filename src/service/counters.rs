@@ -200,6 +200,11 @@ impl Counters {
         self.proposed_rotation.store(rotation.map_or(0, |rotation| rotation as usize + 1), Relaxed);
     }
 
+    /// Whether another rotation of the picture shows the face upright.
+    pub(super) fn has_proposed_rotation(&self) -> bool {
+        self.proposed_rotation.load(Relaxed) != 0
+    }
+
     /// Withdraws the proposal of a rotation that is now in use.
     pub(super) fn withdraw_rotation(&self, used: Rotation) {
         let _ = self.proposed_rotation.compare_exchange(used as usize + 1, 0, Relaxed, Relaxed);

@@ -22,14 +22,14 @@ use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
 use super::{Loader, ServiceError};
 use crate::calibration::Observation;
-use crate::capture::{CaptureError, Frame, Source};
+use crate::capture::{CaptureError, Frame, FrameFault, Source};
 use crate::clock::monotonic_us;
 use crate::config::{NetworkSettings, Settings};
 use crate::pipeline::{self, Pipeline, Rejected, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
 use crate::watch::{MountTrial, Watch};
-use facewire_board::ImpairmentSet;
+use facewire_board::{Impairment, ImpairmentSet};
 use facewire_face::{InferError, Model, Profile, Rotation, Tracker};
 
 /// Time for which an impairment must last, or be gone, before that is reported, microseconds.
@@ -120,6 +120,11 @@ fn is_recoverable(error: &ServiceError) -> bool {
     }
 }
 
+/// Whether the camera hangs, or its shutter is closed, which may be so for days.
+fn is_of_a_frozen_picture(error: &ServiceError) -> bool {
+    matches!(error, ServiceError::Camera(CaptureError::AllDamaged { fault: FrameFault::Repeated, .. }))
+}
+
 impl HotLoop {
     pub(super) fn new(
         settings: Settings,
@@ -161,6 +166,7 @@ impl HotLoop {
             let outcome = self.attempt();
             let lasted = self.opened_us.take().map(|opened_us| between(opened_us, monotonic_us()));
             let is_camera = matches!(outcome, Ok(()) | Err(ServiceError::Camera(_)));
+            let is_frozen = outcome.as_ref().is_err_and(is_of_a_frozen_picture);
             self.outlets.report(Err(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
             match outcome {
                 Ok(()) => continue,
@@ -170,7 +176,8 @@ impl HotLoop {
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
             }
             self.enter(OPEN_PATIENCE_US);
-            let wait = back_off.wait_after(lasted.unwrap_or_default());
+            let lasted = lasted.unwrap_or_default();
+            let wait = if is_frozen { back_off.wait_longer_after(lasted) } else { back_off.wait_after(lasted) };
             if !self.counters.stopping() {
                 thread::park_timeout(wait);
             }
@@ -195,6 +202,7 @@ impl HotLoop {
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
+        self.counters.impairments.set(Impairment::FrozenPicture, false);
         camera.source.close()?;
         outcome
     }
@@ -260,6 +268,7 @@ impl HotLoop {
         if tally.has_false_clock && !std::mem::replace(&mut self.has_false_clock, true) {
             self.tell(Event::FalseClock);
         }
+        self.counters.impairments.set(Impairment::FrozenPicture, tally.is_frozen);
         self.timing.decoded(tally.decoding);
         self.outlets.loads.write(self.timing.load());
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
@@ -285,7 +294,7 @@ impl HotLoop {
         outlets.report(processed.pose().map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
-        watch.frame(frame, processed.face);
+        watch.frame(frame, processed.face, counters.has_proposed_rotation());
         counters.set_face_score(processed.face.and_then(|face| face.appearance).map_or(0.0, |seen| seen.score));
         outlets.observer.publish(|| processed.observe(watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
@@ -321,9 +330,10 @@ impl HotLoop {
 
     /// Reports a better way to mount the camera once one was found. Begins to try when the face becomes doubtful.
     fn judge_mount(&mut self, was_doubtful: bool) {
-        let has_become_doubtful = self.watch.is_doubtful() && !was_doubtful && !self.watch.is_turned;
+        let is_turned = self.counters.has_proposed_rotation();
+        let has_become_doubtful = self.watch.is_doubtful() && !was_doubtful && !is_turned;
         // The wearer may have been lying, or somebody may have turned the camera since.
-        let is_to_be_confirmed = self.watch.is_turned && monotonic_us() >= self.confirm_mount_us;
+        let is_to_be_confirmed = is_turned && monotonic_us() >= self.confirm_mount_us;
         if self.mount.is_none() && (has_become_doubtful || is_to_be_confirmed) {
             self.mount = Some(MountTrial::default());
         }
@@ -331,7 +341,6 @@ impl HotLoop {
         self.confirm_mount_us = monotonic_us() + CONFIRM_US;
         let better = mount.best().filter(|best| *best != self.settings.camera.rotation);
         self.counters.propose_rotation(better);
-        self.watch.is_turned = better.is_some();
         if let Some(rotation) = better {
             self.tell(Event::Turned(rotation));
         }

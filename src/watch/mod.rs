@@ -101,8 +101,6 @@ pub struct Watch {
     last_look_us: u64,
     steady: [Steady; Self::FINDS.len()],
     present: ImpairmentSet,
-    /// Whether the face was found to be upright in another rotation of the picture.
-    pub is_turned: bool,
 }
 
 impl Watch {
@@ -113,13 +111,7 @@ impl Watch {
 
     /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
     pub fn new(hold_us: u64) -> Self {
-        Self {
-            hold_us,
-            last_look_us: 0,
-            steady: Default::default(),
-            present: ImpairmentSet::default(),
-            is_turned: false,
-        }
+        Self { hold_us, last_look_us: 0, steady: Default::default(), present: ImpairmentSet::default() }
     }
 
     pub fn present(&self) -> ImpairmentSet {
@@ -131,8 +123,9 @@ impl Watch {
         self.present.contains(Impairment::DoubtfulFace)
     }
 
-    /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
-    pub fn frame(&mut self, frame: &Frame, face: Option<Face>) -> Option<Look> {
+    /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it. `is_turned` says that the
+    /// face is upright in another rotation of the picture.
+    pub fn frame(&mut self, frame: &Frame, face: Option<Face>, is_turned: bool) -> Option<Look> {
         let picture = frame.picture()?;
         // The timestamps of some drivers step back.
         if frame.captured_us.abs_diff(self.last_look_us) < LOOK_US {
@@ -140,7 +133,7 @@ impl Watch {
         }
         self.last_look_us = frame.captured_us;
         let look = Look::at(picture, face);
-        self.look(&look, frame.captured_us);
+        self.look(&look, is_turned, frame.captured_us);
         Some(look)
     }
 
@@ -152,7 +145,7 @@ impl Watch {
     }
 
     /// Judges a look at the picture at the time `now_us`.
-    pub fn look(&mut self, look: &Look, now_us: u64) {
+    pub fn look(&mut self, look: &Look, is_turned: bool, now_us: u64) {
         let of_face = |judge: fn(FaceLook) -> Verdict| look.face.map_or(UNKNOWN, judge);
         let is_black =
             look.face.is_none() && look.picture.brightness < BLACK && look.picture.contrast < look.picture.noise;
@@ -167,7 +160,7 @@ impl Watch {
         let small = of_face(|face| poor_if_low(face.size_px, SIZE_PX).max(poor_if_low(face.size, SIZE)));
         let cut_off = of_face(|face| poor_if_high(face.cut_off, CUT_OFF));
         let doubtful = match [dark, backlit, small, cut_off].into_iter().max() {
-            _ if self.is_turned => POOR,
+            _ if is_turned => POOR,
             // That may be why.
             Some(POOR | BETWEEN) => UNKNOWN,
             _ => of_face(|face| poor_if_low(face.score, SCORE).max(poor_if_high(face.roll_deg.abs(), ROLL_DEG))),
@@ -246,7 +239,7 @@ mod tests {
 
     fn told(face: Option<FaceLook>, picture: Light) -> String {
         let mut watch = Watch::new(HOLD_US);
-        (0..16).for_each(|look| watch.look(&Look { picture, face }, look * 250_000));
+        (0..16).for_each(|look| watch.look(&Look { picture, face }, false, look * 250_000));
         watch.present().to_string()
     }
 
@@ -280,7 +273,7 @@ mod tests {
         let content =
             Content::Picture(Picture::new(64, 64, Pixels::Grey { data: &[0; 64 * 64], stride: 64 }, true).unwrap());
         for captured_us in [3_600_000_000].into_iter().chain((0..16).map(|look| 5_000_000 + look * LOOK_US)) {
-            watch.frame(&Frame { content, captured_us, number: 0 }, None);
+            watch.frame(&Frame { content, captured_us, number: 0 }, None, false);
         }
         assert_eq!(watch.present().to_string(), "black");
     }

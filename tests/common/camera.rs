@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::process::Command;
+use std::time::{Duration, SystemTime};
 use std::{slice, thread};
 
 use facewire::capture::{Clip, Source as _};
@@ -114,6 +115,8 @@ pub struct Camera {
     pub sequence: [u32; 2],
     pub clock: Clock,
     pub failures: Vec<Failure>,
+    /// Whether the system has made the node a moment ago.
+    pub is_new: bool,
 }
 
 pub const VIDEO_CAPTURE: u32 = 0x1;
@@ -152,6 +155,7 @@ impl Default for Camera {
             sequence: [0, 1],
             clock: Clock::Monotonic,
             failures: Vec::new(),
+            is_new: false,
         }
     }
 }
@@ -165,6 +169,15 @@ impl Camera {
     /// A camera that is not on a USB bus.
     pub fn built_in() -> Self {
         Self { driver: "vivid", bus: "platform:vivid-000", ..Self::default() }
+    }
+
+    /// A camera whose pictures a program makes: there is no device behind its node.
+    pub fn of_a_program() -> Self {
+        Self { driver: "v4l2 loopback", bus: "platform:v4l2loopback-000", ..Self::default() }
+    }
+
+    fn has_hardware(&self) -> bool {
+        !self.bus.starts_with("platform:v4l2loopback")
     }
 
     /// The description that `tests/hooks/camera_description.h` reads.
@@ -247,7 +260,7 @@ impl Cameras {
     pub fn with(cameras: &[Camera]) -> Self {
         let owner = tempfile::tempdir().unwrap();
         let folder = owner.path().canonicalize().unwrap();
-        for name in ["dev/v4l/by-id", "dev/v4l/by-path", "sys/class/video4linux", "calls"] {
+        for name in ["dev/v4l/by-id", "dev/v4l/by-path", "sys/class/video4linux", "run/facewire-camera", "calls"] {
             fs::create_dir_all(folder.join(name)).unwrap();
         }
         let machine = Self { folder, _owner: Some(owner) };
@@ -277,14 +290,34 @@ impl Cameras {
         self.folder.join(format!("dev/video{number}"))
     }
 
+    fn sysfs(&self, number: u32) -> PathBuf {
+        self.folder.join(format!("sys/class/video4linux/video{number}"))
+    }
+
+    /// The pipe through which the service of a Raspberry Pi's camera module passes its pictures.
+    pub fn module(&self) -> PathBuf {
+        self.folder.join("run/facewire-camera/video")
+    }
+
     /// Plugs a camera in as `/dev/videoN`. If there is one already, it is unplugged.
     pub fn plug(&self, number: u32, camera: &Camera) {
+        let _ = fs::remove_dir_all(self.sysfs(number));
+        let device = self.sysfs(number).join("device");
+        fs::create_dir_all(if camera.has_hardware() { &device } else { device.parent().unwrap() }).unwrap();
+        fs::write(self.sysfs(number).join("name"), format!("{}\n", camera.card)).unwrap();
+        if camera.has_hardware() {
+            let driver = self.folder.join("sys/bus/drivers").join(camera.driver);
+            fs::create_dir_all(&driver).unwrap();
+            symlink(driver, device.join("driver")).unwrap();
+        }
         let prepared = self.folder.join("prepared");
         fs::write(&prepared, camera.describe()).unwrap();
+        set_age(&File::options().write(true).open(&prepared).unwrap(), camera);
         fs::rename(&prepared, self.node(number)).unwrap();
     }
 
     pub fn unplug(&self, number: u32) {
+        fs::remove_dir_all(self.sysfs(number)).unwrap();
         fs::remove_file(self.node(number)).unwrap();
     }
 
@@ -294,6 +327,7 @@ impl Cameras {
         node.lock().unwrap();
         node.set_len(0).unwrap();
         node.write_all(camera.describe().as_bytes()).unwrap();
+        set_age(&node, camera);
     }
 
     /// Makes a link in `/dev/v4l`, as udev does, or makes an existing link lead to another camera.
@@ -303,10 +337,15 @@ impl Cameras {
         symlink(format!("../../video{number}"), link).unwrap();
     }
 
-    /// The calls to a camera so far, one on each line: `open`, `S_FMT YUYV 640x480`, `S_PARM 1/30`, `REQBUFS 4`, `STREAMON`,
-    /// `STREAMOFF`, `close`.
+    /// The calls to a camera so far, one on each line: `open`, `S_FMT YUYV 640x480 field 1`, `S_PARM 1/30`, `REQBUFS 4`,
+    /// `STREAMON`, `STREAMOFF`, `close`.
     pub fn calls(&self, number: u32) -> String {
         fs::read_to_string(self.folder.join(format!("calls/video{number}"))).unwrap_or_default()
+    }
+
+    /// How often the camera was asked for this so far.
+    pub fn called(&self, number: u32, call: &str) -> usize {
+        self.calls(number).lines().filter(|line| *line == call).count()
     }
 
     /// Makes the command find these cameras, and none of the real machine.
@@ -352,6 +391,12 @@ impl Cameras {
         }
         Some(folder)
     }
+}
+
+/// Makes the node of a camera a minute old, unless it is a new one.
+fn set_age(node: &File, camera: &Camera) {
+    let age = Duration::from_secs(if camera.is_new { 0 } else { 60 });
+    node.set_modified(SystemTime::now() - age).unwrap();
 }
 
 /// The first frames of the built-in clip, as JPEG images of 640x480 pixels.

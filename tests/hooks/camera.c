@@ -1,8 +1,8 @@
 /* Simulated V4L2 cameras that behave as a test describes them. The program under test needs no device.
  *
  * A test preloads this library into a program and names a folder in CAMERAS. The program then finds the folder's
- * `dev/video0` to `dev/video9`, `dev/v4l` and `sys/class/video4linux` under these names in `/`, and no camera of this
- * machine. Each file `dev/videoN` is a camera, and its text describes the camera (camera_description.h). Links below
+ * `dev/video0` to `dev/video9`, `dev/v4l`, `sys/class/video4linux` and `run/facewire-camera` under these names in `/`, and no
+ * camera of this machine. Each file `dev/videoN` is a camera, and its text describes the camera (camera_description.h). Links below
  * `dev/v4l` lead to them. What a program asks a camera for is written to `calls/videoN`.
  *
  * A test may rewrite the text of a file at any time, with the file locked by flock(): the camera then goes on by the new
@@ -111,7 +111,8 @@ static int begins(const char *path, const char *beginning)
 static int is_ours(const char *path)
 {
     return *folder() && (begins(path, "/dev/video") || begins(path, "/dev/v4l") ||
-                         begins(path, "/sys/class/video4linux") || (path && !strcmp(path, "/dev")));
+                         begins(path, "/sys/class/video4linux") || begins(path, "/run/facewire-camera") ||
+                         (path && !strcmp(path, "/dev")));
 }
 
 /* Writes the path of the file that stands for `path`, and returns it. */
@@ -424,7 +425,7 @@ static int set_format(struct camera *camera, struct v4l2_format *format)
     /* The first members of both structures are the same. */
     const struct v4l2_pix_format *wanted = &format->fmt.pix;
     const char *name = (const char *)&wanted->pixelformat;
-    note(camera, "S_FMT %.4s %ux%u\n", name, wanted->width, wanted->height);
+    note(camera, "S_FMT %.4s %ux%u field %u\n", name, wanted->width, wanted->height, wanted->field);
     choose_format(camera, wanted->pixelformat, wanted->width, wanted->height);
     state_format(camera, format);
     return 0;
@@ -506,12 +507,14 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
     camera->last_stamp_us = buffer->time_us;
 }
 
-/* Copies the picture of this frame into a buffer. Without a folder of frames, the buffer keeps its grey pixels. */
+/* Copies the picture of this frame into a buffer. Without a folder of frames, it is grey, with the noise of a sensor. */
 static void show(const struct camera *camera, struct buffer *buffer)
 {
     buffer->used = camera->image_bytes;
-    if (!camera->is->frame_count)
+    if (!camera->is->frame_count) {
+        memset(buffer->memory, 124 + (int)(camera->frame * 2654435761u >> 16) % 9, camera->image_bytes);
         return;
+    }
     char path[sizeof camera->is->frames + 16];
     snprintf(path, sizeof path, "%s/%04u", camera->is->frames, camera->frame % camera->is->frame_count);
     int file = HIDDEN(open)(path, O_RDONLY | O_CLOEXEC);

@@ -52,7 +52,7 @@ impl Track {
     pub fn told(&self) -> ImpairmentSet {
         let mut watch = Watch::new(HOLD_US);
         for (number, look) in self.looks.iter().enumerate() {
-            watch.look(look, (number * self.step * PERIOD_US) as u64);
+            watch.look(look, false, (number * self.step * PERIOD_US) as u64);
         }
         watch.present()
     }

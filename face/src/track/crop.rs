@@ -9,7 +9,7 @@ use std::ops::Range;
 use facewire_engine::kernels::sample::{Line, WHITE, sample};
 
 use crate::infer::Network;
-use crate::picture::{Picture, Rotation};
+use crate::picture::Picture;
 
 use super::block::{Block, Planes, Row};
 use super::landmarks::FaceBox;
@@ -79,7 +79,7 @@ pub fn crop(
     let CropShape { side, border, .. } = shape;
     let mapping = region.mapping();
     let pitch = 1.0 / side as f32;
-    let across = in_rows(picture.rotation, mapping.across);
+    let across = picture.rotation.in_rows(mapping.across, [0.0; 2]);
     let step = across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
     let mut rows = [Row { start: [0; 2], step }; MAX_SIDE];
     for (number, row) in rows.iter_mut().enumerate().take(side) {
@@ -96,16 +96,6 @@ pub fn crop(
         for first in (0..side).step_by(columns) {
             crop.write(number * height, rows, first..side.min(first + columns), output);
         }
-    }
-}
-
-/// The direction in the rows of a direction in the upright picture.
-fn in_rows(rotation: Rotation, [right, down]: [f32; 2]) -> [f32; 2] {
-    match rotation {
-        Rotation::None => [right, down],
-        Rotation::Quarter => [down, -right],
-        Rotation::Half => [-right, -down],
-        Rotation::ThreeQuarters => [-down, right],
     }
 }
 
@@ -163,7 +153,7 @@ impl Crop<'_> {
 #[allow(clippy::float_cmp, clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss)]
 mod tests {
     use super::*;
-    use crate::picture::Pixels;
+    use crate::picture::{Pixels, Rotation};
 
     fn samples(picture: &Picture, region: &FaceBox, shape: CropShape, block: &mut Block) -> Vec<[f32; 3]> {
         let mut rows = vec![[f32::NAN; 3 * MAX_SIDE]; shape.side];

@@ -100,9 +100,9 @@ impl Mesh {
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         let Some(score) = self.run_backbone(picture, region)? else { return Ok(None) };
         self.appearance.score = score;
+        copy_points(&*self.backbone, &mut self.landmarks);
         let mesh = self.backbone.output(0).as_chunks::<3>().0;
         let map = FeatureMap::new(self.backbone.output(2));
-        self.landmarks.0.iter_mut().zip(mesh).for_each(|(point, found)| *point = *found);
         let turn = self.turn.filter(|_| self.by_turns);
         for (index, head) in self.heads.iter_mut().enumerate() {
             if turn.is_none_or(|turn| turn == index) {
@@ -123,7 +123,7 @@ impl Mesh {
     pub fn look(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<(f32, FaceBox)>, InferError> {
         let Some(score) = self.run_backbone(picture, region)? else { return Ok(None) };
         let mut landmarks = Landmarks::zero();
-        landmarks.0.iter_mut().zip(self.backbone.output(0).as_chunks().0).for_each(|(point, found)| *point = *found);
+        copy_points(&*self.backbone, &mut landmarks);
         to_picture(region, &mut landmarks);
         Ok(FaceBox::following(&landmarks).map(|region| (score, region)))
     }
@@ -182,6 +182,12 @@ impl Head {
             landmarks.level_iris(iris, contour);
         }
     }
+}
+
+/// Copies the points that the backbone found, in samples of its input.
+fn copy_points(backbone: &dyn Network, landmarks: &mut Landmarks) {
+    let found = backbone.output(0).as_chunks().0;
+    landmarks.0.iter_mut().zip(found).for_each(|(point, found)| *point = *found);
 }
 
 /// Replaces x and y of some points by a head's output, which is in the coordinates of its crop.

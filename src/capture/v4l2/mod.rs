@@ -21,6 +21,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use v4l::device::Handle;
+use v4l::format::FieldOrder;
 use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::CaptureStream;
 use v4l::video::Capture;
@@ -33,20 +34,17 @@ pub use self::probe::{Camera, Found, cameras};
 
 use self::clock::DriverClock;
 use self::mode::{Choice, choose, has_smaller};
-use self::probe::{guarded, probe};
+use self::probe::{guarded, has_hardware, probe};
 pub(super) use self::select::AUTO;
-use self::select::{remember, start_one};
+use self::select::start_one;
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
-use super::delivery::{Arrival, DeliveryCounter};
+use super::delivery::Arrival;
+use super::live::Live;
 use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally};
 use crate::clock::monotonic_us;
 
-/// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
-const PROVEN_AFTER: u32 = 30;
 /// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
 const STALE_PERIODS: u64 = 2;
-/// Largest number of frames that are left out at once, so that a camera with a wrong clock is read nevertheless.
-const MAX_LEFT_OUT: u32 = 16;
 
 pub struct CameraSource {
     /// `None` after the camera was stopped.
@@ -61,15 +59,10 @@ pub struct CameraSource {
     has_smaller_mode: bool,
     /// Number of frames that were taken from the driver, without the first one.
     taken: u64,
-    /// Frames that were captured earlier are left out.
-    wanted_us: u64,
     clock: DriverClock,
-    tally: Tally,
-    delivery: DeliveryCounter,
-    /// Number of pictures so far, up to [`PROVEN_AFTER`].
-    shown: u32,
-    /// Whether the last call of [`Source::next`] has returned an error.
-    has_failed: bool,
+    /// Whether a program makes the pictures, which may then stand still.
+    is_virtual: bool,
+    live: Live,
 }
 
 impl CameraSource {
@@ -98,17 +91,14 @@ impl CameraSource {
             handle: device.handle(),
             store,
             origin: format!("{card} ({}{note})", node.display()),
+            is_virtual: !has_hardware(&node),
+            live: Live::new(&node, period_us),
             node,
             rate,
             timeout,
             has_smaller_mode,
             taken: 0,
-            wanted_us: 0,
             clock: DriverClock::new(period_us, monotonic_us()),
-            tally: Tally::default(),
-            delivery: DeliveryCounter::new(period_us),
-            shown: 0,
-            has_failed: false,
         })
     }
 
@@ -124,7 +114,6 @@ impl CameraSource {
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
         let mut skipped = 0;
-        let mut left_out = 0;
         let mut patience = timeout;
         loop {
             let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
@@ -134,33 +123,38 @@ impl CameraSource {
             let stated_us = captured_us(meta, now_us);
             let believed_us = stated_us.and_then(|stated_us| self.clock.judge(stated_us, now_us));
             if let Some(captured_us) = believed_us {
-                self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
+                self.live.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
             } else if stated_us.is_some() {
-                self.delivery.interrupt();
-                self.tally.mistimed += 1;
-                self.tally.has_false_clock |= self.clock.is_given_up();
+                self.live.delivery.interrupt();
+                self.live.tally.mistimed += 1;
+                self.live.tally.has_false_clock |= self.clock.is_given_up();
             }
             let captured_us = believed_us.unwrap_or(now_us);
-            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
-                left_out += 1;
-                self.tally.left_out += 1;
+            // Every frame counts: of a picture that moves, those that are shown may be the same.
+            let frame = filled(bytes, meta);
+            let is_frozen = frame.is_ok_and(|frame| self.live.repeats.is_frozen(frame, now_us));
+            if self.live.leaves_out(captured_us) {
                 wait(handle, timeout)?;
                 continue;
             }
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
             let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
+                self.live.tally.is_frozen = is_frozen && self.is_virtual;
+                if is_frozen && !self.is_virtual {
+                    return Err(CaptureError::Frame { number, fault: FrameFault::Repeated });
+                }
                 let begun = Instant::now();
-                let kept = filled(bytes, meta).and_then(|bytes| self.store.keep(bytes));
-                self.tally.decoding += begun.elapsed();
+                let kept = frame.and_then(|frame| self.store.keep(frame));
+                self.live.tally.decoding += begun.elapsed();
                 return kept.map(|()| (number, captured_us)).map_err(|fault| {
-                    self.delivery.damaged += 1;
+                    self.live.delivery.damaged += 1;
                     self.fit_store(fault);
                     CaptureError::Frame { number, fault }
                 });
             }
             skipped += 1;
-            self.tally.for_newer += 1;
+            self.live.tally.for_newer += 1;
         }
     }
 
@@ -168,7 +162,7 @@ impl CameraSource {
     /// picture was shown, another size counts as damage, and a far larger one always does.
     fn fit_store(&mut self, fault: FrameFault) {
         if let FrameFault::WrongSize { width, height } = fault
-            && self.shown == 0
+            && self.live.has_shown_nothing()
             && width <= 2 * self.store.layout.width
             && height <= 2 * self.store.layout.height
             && let Ok(store) = Store::new(Layout { width, height, ..self.store.layout })
@@ -187,34 +181,28 @@ impl Drop for CameraSource {
     fn drop(&mut self) {
         // The result matters to those who call `close`.
         let _ = self.stop();
-        let is_proven = self.shown == PROVEN_AFTER;
-        if is_proven || self.has_failed {
-            remember(&self.node, !is_proven);
-        }
     }
 }
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let kept = self.keep_newest();
-        self.has_failed = kept.is_err();
-        let (number, captured_us) = kept?;
-        self.shown = PROVEN_AFTER.min(self.shown + 1);
+        let (number, captured_us) = self.live.answered(kept)?;
         let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
         let picture = self.store.picture().ok_or(missing)?;
         Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
     fn leave_out_until(&mut self, captured_us: u64) {
-        self.wanted_us = captured_us;
+        self.live.wanted_us = captured_us;
     }
 
     fn take_tally(&mut self) -> Tally {
-        take(&mut self.tally)
+        self.live.take_tally()
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
-        self.delivery.take()
+        self.live.delivery.take()
     }
 
     fn has_smaller_mode(&self) -> bool {
@@ -231,15 +219,38 @@ impl Source for CameraSource {
     }
 }
 
+/// Asks the driver for a format with whole pictures: progressive ones, or else those whose rows are of two moments in turn.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
-    let wanted = Format::new(choice.size[0], choice.size[1], FourCC::new(&choice.format.fourcc));
-    let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
-    Layout::of(&set).ok_or_else(|| {
-        let path = path.display();
-        let Format { fourcc, width, height, .. } = set;
-        let fault = format!("answered with {fourcc} {width}x{height}, which cannot be read");
-        CaptureError::Unusable(format!("{path} {fault}; set another camera.format or size"))
-    })
+    let ask = |field_order| {
+        let [width, height] = choice.size;
+        let wanted = Format { field_order, ..Format::new(width, height, FourCC::new(&choice.format.fourcc)) };
+        device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))
+    };
+    let mut set = ask(FieldOrder::Progressive)?;
+    if lacks_rows(&set) {
+        set = ask(FieldOrder::Interlaced)?;
+    }
+    let unusable = |fault: String, remedy| CaptureError::Unusable(format!("{} {fault}; {remedy}", path.display()));
+    let Format { fourcc, width, height, field_order, .. } = set;
+    if lacks_rows(&set) {
+        let fault = format!("sends pictures of which every second row is elsewhere (fields: {field_order})");
+        return Err(unusable(
+            fault,
+            "switch what is connected to it to a progressive mode, or set another camera.width and height",
+        ));
+    }
+    let fault = || format!("answered with {fourcc} {width}x{height}, which cannot be read");
+    Layout::of(&set).ok_or_else(|| unusable(fault(), "set another camera.format or size"))
+}
+
+/// Whether pictures come in halves, each of which has every second row. The upper or the lower half alone is a picture of fewer
+/// rows, unless these are too few for its width.
+fn lacks_rows(set: &Format) -> bool {
+    match set.field_order {
+        FieldOrder::Top | FieldOrder::Bottom => set.width > 2 * set.height,
+        FieldOrder::SequentialTB | FieldOrder::SequentialBT | FieldOrder::Alternate => true,
+        _ => false,
+    }
 }
 
 /// Asks the driver for a rate. Returns the rate that it has set, if it says so.

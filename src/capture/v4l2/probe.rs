@@ -6,7 +6,7 @@ use std::io;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
-use std::sync::Once;
+use std::sync::{Mutex, Once, PoisonError};
 
 use facewire_board::links_to;
 use v4l::capability::{Capabilities, Flags};
@@ -91,15 +91,111 @@ impl Found {
     }
 }
 
-/// Examines every video device. Devices that are no cameras (metadata, output, converters) are left out.
+/// Examines every video device, but none that was examined before and has not changed. Devices that are no cameras (metadata,
+/// output, converters) are left out.
 pub fn cameras() -> Found {
     let mut found = Found::default();
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
     let entries = fs::read_dir("/dev").into_iter().flatten().flatten().map(|entry| entry.path());
     let mut nodes: Vec<_> = entries.filter(|path| number(path).is_some()).collect();
     nodes.sort_by_key(number);
-    nodes.iter().for_each(|node| found.add(probe(node).map(|(camera, _)| camera)));
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    known.retain(|known| nodes.contains(&known.node));
+    nodes.iter().for_each(|node| found.add(examine(node, &mut known)));
     found
+}
+
+/// What a node was found to be.
+struct Known {
+    node: PathBuf,
+    state: NodeState,
+    kind: Kind,
+}
+
+#[derive(Clone)]
+enum Kind {
+    Camera(Camera),
+    MultiPlanar { card: String },
+    NoCamera,
+}
+
+/// What changes if a node leads to another device, or if its permissions do. This shows without opening it, which would switch
+/// some devices on.
+#[derive(PartialEq, Eq)]
+struct NodeState {
+    inode: u64,
+    device: u64,
+    changed_s: i64,
+    changed_ns: i64,
+}
+
+impl NodeState {
+    fn of(node: &Path) -> Option<Self> {
+        let meta = fs::metadata(node).ok()?;
+        let [changed_s, changed_ns] = [meta.ctime(), meta.ctime_nsec()];
+        Some(Self { inode: meta.ino(), device: meta.rdev(), changed_s, changed_ns })
+    }
+}
+
+/// What the nodes with hardware behind them were found to be. A machine without a camera is searched every second.
+static KNOWN: Mutex<Vec<Known>> = Mutex::new(Vec::new());
+
+/// Returns what a node is, and opens it only if that is not known.
+fn examine(node: &Path, known: &mut Vec<Known>) -> Result<Camera, CaptureError> {
+    if driver_in_sysfs(node).is_some_and(|driver| NO_CAMERAS.contains(&driver.as_str())) {
+        return Err(CaptureError::not_a_camera(&node.display()));
+    }
+    let state = NodeState::of(node);
+    if let Some(before) = known.iter().find(|before| before.node == node && Some(&before.state) == state.as_ref()) {
+        return before.kind.clone().at(node);
+    }
+    let examined = probe(node).map(|(camera, _)| camera);
+    known.retain(|before| before.node != node);
+    let kind = Kind::of(&examined).filter(|_| has_hardware(node));
+    known.extend(state.zip(kind).map(|(state, kind)| Known { node: node.to_owned(), state, kind }));
+    examined
+}
+
+impl Kind {
+    /// Returns `None` if the next attempt may find something else.
+    fn of(examined: &Result<Camera, CaptureError>) -> Option<Self> {
+        match examined {
+            Ok(camera) if camera.modes.is_empty() && camera.other_formats.is_empty() => None,
+            Ok(camera) => Some(Self::Camera(camera.clone())),
+            Err(CaptureError::Absent(_)) => Some(Self::NoCamera),
+            Err(CaptureError::MultiPlanar { card, .. }) => Some(Self::MultiPlanar { card: card.clone() }),
+            Err(_) => None,
+        }
+    }
+
+    fn at(self, node: &Path) -> Result<Camera, CaptureError> {
+        match self {
+            // The system makes the links after the node.
+            Self::Camera(camera) => Ok(Camera { links: links(node), ..camera }),
+            Self::MultiPlanar { card } => Err(CaptureError::MultiPlanar { path: node.display().to_string(), card }),
+            Self::NoCamera => Err(CaptureError::not_a_camera(&node.display())),
+        }
+    }
+}
+
+/// What the system tells of a node without opening it.
+fn sysfs(node: &Path) -> PathBuf {
+    Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default())
+}
+
+fn driver_in_sysfs(node: &Path) -> Option<String> {
+    let driver = fs::canonicalize(sysfs(node).join("device/driver")).ok()?;
+    Some(driver.file_name()?.to_str()?.to_owned())
+}
+
+/// Whether a device is known to be behind a node, and not a program, as with v4l2loopback. What a program shows may stand still,
+/// and its node becomes a camera, or none, without a change.
+pub(super) fn has_hardware(node: &Path) -> bool {
+    sysfs(node).join("device").exists()
+}
+
+fn links(node: &Path) -> Vec<PathBuf> {
+    LINK_FOLDERS.iter().flat_map(|folder| links_to(node, folder.as_ref())).collect()
 }
 
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
@@ -115,7 +211,7 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
             }
             _ => return Err(CaptureError::not_a_camera(&path.display())),
         };
-        let links = LINK_FOLDERS.iter().flat_map(|folder| links_to(&node, folder.as_ref())).collect();
+        let links = links(&node);
         let (modes, other_formats) = modes(&device);
         let camera = Camera { card, driver, is_usb, links, modes, other_formats, node };
         Ok((camera, device))
@@ -148,8 +244,7 @@ enum Identity {
 /// character. The capabilities of such a device are not queried; its formats decide whether it captures. Only USB cameras
 /// name themselves.
 fn identity(device: &Device, node: &Path) -> io::Result<Identity> {
-    let name = Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default()).join("name");
-    if let Some(card) = fs::read(name).ok().filter(|card| std::str::from_utf8(card).is_err()) {
+    if let Some(card) = fs::read(sysfs(node).join("name")).ok().filter(|card| std::str::from_utf8(card).is_err()) {
         let card = String::from_utf8_lossy(card.trim_ascii()).into_owned();
         return Ok(Identity::Camera { card, driver: "unknown".to_owned(), is_usb: true });
     }

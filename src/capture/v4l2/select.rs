@@ -6,9 +6,9 @@
 //! that failed at the end.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use super::super::CaptureError;
+use super::super::live::{failed, remember};
 use super::mode::{Wish, choose};
 use super::probe::{Camera, Found};
 use crate::clock::monotonic_us;
@@ -21,26 +21,18 @@ const MODULE_HINT: &str = if cfg!(any(target_arch = "aarch64", target_arch = "ar
 } else {
     ""
 };
+/// Longest name of a camera by the kernel's interface, without the 0 at its end.
+const CARD_BYTES: usize = 31;
 /// Time after which no further camera is tried in one call: a silent one takes seconds, and the service's watchdog waits.
 const TRY_FOR_US: u64 = 10_000_000;
-
-/// Nodes of the cameras that failed in this process, the last one at the end.
-static FAILED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-
-/// Remembers whether a camera failed when it was used last.
-pub(super) fn remember(node: &Path, has_failed: bool) {
-    let mut failed = FAILED.lock().unwrap_or_else(PoisonError::into_inner);
-    failed.retain(|failed| failed != node);
-    failed.extend(has_failed.then(|| node.to_owned()));
-}
 
 /// Returns the cameras that `wanted` names, in the order in which they are tried. A camera without a usable mode is
 /// tried only if no other has such a name, because many webcams have a second device of the same name.
 fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Vec<&'a Camera> {
     let is_usable = |camera: &&Camera| choose(&camera.modes, wish).is_some();
-    // Many laptops have an infrared camera, which shows nothing without its lamp.
-    let has_colours =
-        |camera: &Camera| camera.modes.is_empty() || camera.modes.iter().any(|mode| !mode.format.is_grey());
+    // Many laptops have an infrared camera, which shows nothing without its lamp. Some claim to have colours.
+    let is_grey = |camera: &Camera| !camera.modes.is_empty() && camera.modes.iter().all(|mode| mode.format.is_grey());
+    let has_colours = |camera: &Camera| !is_grey(camera) && !says_infrared(&camera.card);
     let mut ranked: Vec<_> = cameras.iter().filter(|camera| wanted == AUTO || camera.is_named(wanted)).collect();
     if wanted == AUTO || ranked.iter().any(is_usable) {
         ranked.retain(is_usable);
@@ -61,7 +53,7 @@ pub(super) fn start_one<T>(
 ) -> Result<T, CaptureError> {
     let begun_us = monotonic_us();
     let mut errors = Vec::new();
-    let ranked = rank(&FAILED.lock().unwrap_or_else(PoisonError::into_inner), &cameras, wanted, wish);
+    let ranked = rank(&failed(), &cameras, wanted, wish);
     let mut note = if wanted == AUTO { String::new() } else { ambiguity(&ranked) };
     for Camera { node, .. } in &ranked {
         match start(node, &note) {
@@ -81,6 +73,14 @@ pub(super) fn start_one<T>(
     let unread = multi_planar.into_iter().filter(|_| cameras.is_empty());
     let first = errors.into_iter().chain(refused).chain(unread).next();
     Err(first.unwrap_or_else(|| missing(&cameras, wanted, wish)))
+}
+
+/// Whether a camera calls itself an infrared one. Names of more than [`CARD_BYTES`] bytes are cut, so that the last word of
+/// `Integrated Camera: Integrated IR` lacks a letter.
+fn says_infrared(card: &str) -> bool {
+    let is_cut = card.len() == CARD_BYTES && card.ends_with(" I");
+    let mut words = card.split(|letter: char| !letter.is_alphanumeric());
+    is_cut || words.any(|word| word.eq_ignore_ascii_case("ir") || word.eq_ignore_ascii_case("infrared"))
 }
 
 /// Tells how to distinguish the first camera from the others, if a name fits several.
@@ -170,6 +170,23 @@ mod tests {
             let ranked = rank(&failed, &cameras, wanted, &Wish { format, ..WISH });
             let nodes = ranked.iter().map(|camera| camera.node.clone());
             assert!(nodes.eq(expected.iter().map(node)), "{what}: {ranked:?}");
+        }
+    }
+
+    #[test]
+    fn a_camera_that_calls_itself_infrared_comes_after_those_with_colours_whatever_format_it_claims() {
+        for card in [
+            "Integrated IR Camera",
+            "USB2.0 FHD UVC WebCam: IR",
+            "HP Wide Vision (infrared)",
+            "ir_camera",
+            "Integrated Camera: Integrated I",
+        ] {
+            let yuyv = Some(PixelFormat::YUYV);
+            let cameras = [camera(2, card, yuyv), camera(4, "AIR Camera", yuyv), camera(6, "Camera IRIS I", yuyv)];
+            let ranked = rank(&[], &cameras, "auto", &WISH);
+            let cards = ranked.iter().map(|camera| camera.card.as_str());
+            assert!(cards.eq(["AIR Camera", "Camera IRIS I", card]), "{card}");
         }
     }
 

@@ -1,7 +1,7 @@
 // The frame around all pages: where to go, the state, the stop of all servos, and what everybody must know at once.
 
 import { html, render, useEffect, useState } from "./vendor/preact.js";
-import { Action, sentence, useEvery } from "./common.js";
+import { Action, LetMove, release, useEvery } from "./common.js";
 import { DraftBar, restoreLast } from "./draft.js";
 import { Health } from "./health.js";
 import { Links } from "./links.js";
@@ -16,13 +16,13 @@ import {
   mayOperate,
   open,
   post,
-  postFirst,
   store,
   update,
   useStore,
   whyNoStop,
 } from "./store.js";
 import { Wearer } from "./wearer.js";
+import { marked, sentence, stateOfLink, titleOfLink } from "./words.js";
 
 // The name in the address, the title, the page, and the path of its sign in a square of 24.
 const PAGES = [
@@ -51,8 +51,6 @@ function Tabs({ page }) {
   )}</nav>`;
 }
 
-const release = (on) => postFirst("servos/release", { on });
-const letMove = () => release(false).then(() => update({ stopTrouble: undefined }));
 // How often the page asks whether its session goes on.
 const SESSION_PERIOD_MS = 5000;
 
@@ -90,9 +88,9 @@ function StopAlerts() {
   const which = trouble?.startsWith("not reached") ? "Some" : "The";
   const advice = trouble?.includes("supply of") ? "" : " Switch their supply off.";
   return html`<div id="stop-alerts" tabindex="0">
-    ${why && html`<p role="alert">STOP does not work here: ${why.replace(/\.$/, "")}. To stop servos, ${session.role ? "" : "log in, or "}switch
+    ${why && html`<p role="alert">STOP does not work here: ${marked(why.replace(/\.$/, ""))}. To stop servos, ${session.role ? "" : "log in, or "}switch
       their supply off.</p>`}
-    ${trouble && html`<p role="alert">${which} servos were not released: ${trouble}.${advice}</p>`}
+    ${trouble && html`<p role="alert">${which} servos were not released: ${marked(trouble)}.${advice}</p>`}
   </div>`;
 }
 
@@ -121,24 +119,19 @@ function released({ links, driven, released_unix_s: since, release_not_kept: not
     ${notKept && html`<br /><strong>${notKept}. Switch the supply off before a restart.</strong>`}`;
 }
 
+// What everybody must know at once stands open. All else folds into one line.
 function Banners({ page }) {
-  const { connection, status, session } = store;
-  const banner = (kind, text, rest) =>
-    html`<div class=${`notice ${kind}`} role=${kind === "bad" ? "alert" : "status"}><span>${text}</span>${rest}</div>`;
+  const { connection, status } = store;
+  const alarm = (kind, text, rest) =>
+    html`<div class=${`notice ${kind}`} role="alert"><span>${text}</span>${rest}</div>`;
+  const isReleased = status?.service?.released;
   return html`<div id="banners">
-    ${connection !== "open" && banner("bad", `The connection is lost: ${connection}. What is shown is old.`)}
-    ${
-      status?.service?.released &&
-      banner(
-        "bad released",
-        released(status.service),
-        html`<${Action} kind="primary" run=${letMove}>Let servos move again<//>`,
-      )
-    }
+    ${connection !== "open" && alarm("bad", `The connection is lost: ${connection}. What is shown is old.`)}
+    ${isReleased && alarm("bad released", released(status.service), page !== "servos" && html`<${LetMove} />`)}
     ${
       status &&
       !status.running &&
-      banner(
+      alarm(
         "bad",
         sentence(status.trouble ?? "the service does not run"),
         html`<${Action} run=${() => post("service", { do: "start" })}>Start it<//>`,
@@ -146,7 +139,7 @@ function Banners({ page }) {
     }
     ${
       status?.refused &&
-      banner(
+      alarm(
         "bad",
         "The service refuses its settings.",
         html`<a href="#links">Look at the settings</a> <${Action} run=${restoreLast}>Back to the last that worked<//>`,
@@ -154,23 +147,40 @@ function Banners({ page }) {
     }
     ${
       status?.service?.settings_refused &&
-      banner(
+      alarm(
         "bad",
-        `The service refuses the settings that were kept last, and goes on with the former ones: ${status.service.settings_refused}`,
+        marked(
+          `The service refuses the settings that were kept last, and goes on with the former ones: ${status.service.settings_refused}`,
+        ),
         html`<${Action} run=${() => post("settings/reload")}>Try them again<//>
         <${Action} run=${restoreLast}>Back to the last that worked<//>`,
       )
     }
-    ${
-      !["links", "servos"].includes(page) &&
-      status?.service?.links
-        ?.filter(({ trouble }) => trouble)
-        .map(({ name, trouble }) => banner("warn", `${name}: ${trouble}`, html`<a href="#links">Links</a>`))
-    }
-    ${status?.operator && !status.operator.me && banner("warn", `${status.operator.name} moves the servos now. Until they let go you can look, and press STOP.`)}
-    ${status?.picture && banner("warn", "The camera's picture can be seen here.", html`<a href="#links">Settings</a>`)}
-    ${session?.role === "look" && hasService() && banner("", "You may look, but not operate.")}
+    <${Notices} notices=${noticesOf(page)} />
   </div>`;
+}
+
+// Returns what is worth knowing on a page: texts, each with the page to go to.
+function noticesOf(page) {
+  const { status, session } = store;
+  const links = ["links", "servos"].includes(page) ? [] : (status?.service?.links ?? []);
+  const ofLinks = links.filter((link) => stateOfLink(link).trouble);
+  const operator = status?.operator?.me === false && status.operator.name;
+  return [
+    ...ofLinks.map((link) => [[titleOfLink(link), ": ", marked(stateOfLink(link).trouble)], "links", "Links"]),
+    operator && [`${operator} moves the servos now. Until they let go you can look, and press STOP.`],
+    status?.picture && ["The camera's picture can be seen here.", "links", "Settings"],
+    session?.role === "look" && hasService() && ["You may look, but not operate."],
+  ].filter(Boolean);
+}
+
+// A line that unfolds.
+function Notices({ notices }) {
+  if (notices.length === 0) return null;
+  const texts = notices.flatMap(([text], index) => (index > 0 ? [" · ", text] : [text]));
+  return html`<div class="notice warn" role="status"><details class="fold"><summary><span>${texts}</span></summary>
+    <ul>${notices.map(([text, page, title], index) => html`<li key=${index}>${text} ${page && html`<a href=${`#${page}`}>${title}</a>`}</li>`)}</ul>
+  </details></div>`;
 }
 
 function App() {
@@ -182,6 +192,8 @@ function App() {
       scrollTo(0, 0);
     };
     addEventListener("hashchange", turn);
+    // The address may have changed since the page was drawn.
+    setPage(chosen());
     return () => removeEventListener("hashchange", turn);
   }, []);
   useEffect(() => {

@@ -7,8 +7,8 @@ const HOUR_S = 3600;
 const LEFT = 44;
 const BOTTOM = 18;
 
-// `lines` are { title, values, isDashed }, with a value or null for each of `times`.
-export function Chart({ title, unit, times, lines }) {
+// `lines` are { title, values }, with a value or null for each of `times`.
+export function Chart({ title, unit, times, lines, children }) {
   const canvas = useRef();
   const most = scale(Math.max(0, ...lines.flatMap(({ values }) => values.filter((value) => value !== null))));
   const draw = () => canvas.current?.clientWidth && paint(canvas.current, times, lines, most);
@@ -21,20 +21,17 @@ export function Chart({ title, unit, times, lines }) {
   const said = lines.map(({ title: name, values }) => `${name} ${newest(values)?.toFixed(1) ?? "unknown"}`).join(", ");
   return html`<figure class="panel">
     <figcaption>${title}${unit ? ` in ${unit}` : ""}, last hour</figcaption>
+    ${children}
     <canvas class="chart" ref=${canvas} role="img" aria-label=${`${title}, now: ${said}`}></canvas>
     <ul class="legend">${lines.map(
       (
-        { title: name, values, isDashed },
+        { title: name, values },
         index,
-      ) => html`<li key=${name} class=${isDashed ? "dashed" : ""} style=${{ "--colour": colourOf(lines, index) }}>
+      ) => html`<li key=${name} style=${{ "--colour": COLOURS[index] }}>
       ${name} <b>${newest(values)?.toFixed(1) ?? "–"}</b></li>`,
     )}</ul>
   </figure>`;
 }
-
-// A dashed line has the colour of the line before it.
-const colourOf = (lines, index) =>
-  COLOURS[lines.slice(0, index + 1).filter(({ isDashed }) => !isDashed).length - 1] ?? COLOURS[0];
 
 // The next round number: 1, 2 or 5 times a power of ten.
 function scale(most) {
@@ -67,9 +64,8 @@ function paint(canvas, times, lines, most) {
   for (const minutes of [60, 40, 20])
     context.fillText(`−${minutes} min`, Math.max(LEFT + 14, x(now - 60 * minutes)), height - 4);
   context.lineWidth = 1.5;
-  lines.forEach(({ values, isDashed }, index) => {
-    context.strokeStyle = colourOf(lines, index);
-    context.setLineDash(isDashed ? [4, 3] : []);
+  lines.forEach(({ values }, index) => {
+    context.strokeStyle = COLOURS[index];
     let points = [];
     values.forEach((value, k) => {
       // A gap in the numbers is a gap in the line.

@@ -1,13 +1,8 @@
 // Pieces that several pages use.
 
 import { html, useCallback, useEffect, useRef, useState } from "./vendor/preact.js";
-import { get, mayOperate } from "./store.js";
-
-// A clause of the service, which begins with a small letter and ends without a full stop, as a sentence.
-export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
-
-// What is wrong with a link: a clause for each of its servos.
-export const sentences = (text) => text.split("\n").map(sentence).join("\n");
+import { get, mayOperate, postFirst, update } from "./store.js";
+import { marked } from "./words.js";
 
 // A button that does something which may fail. It shows what the console answers: `done`, or the sentence of a refusal.
 export function Action({ run, children, kind = "", disabled = false, needsRole = true, label }) {
@@ -26,10 +21,15 @@ export function Action({ run, children, kind = "", disabled = false, needsRole =
     <button type="button" class=${kind} aria-label=${label} disabled=${disabled || isForbidden || state.isBusy}
       onClick=${act}
       title=${isForbidden ? "You may look, but not operate." : undefined}>${children}</button>
-    ${state.trouble && html`<span role="alert" class="trouble">${state.trouble}</span>`}
-    ${state.said && html`<span role="status" class="said">${state.said}</span>`}
+    ${state.trouble && html`<span role="alert" class="trouble">${marked(state.trouble)}</span>`}
+    ${state.said && html`<span role="status" class="said">${marked(state.said)}</span>`}
   </span>`;
 }
+
+// Releases all servos, or lets them move again.
+export const release = (on) => postFirst("servos/release", { on });
+const letMove = () => release(false).then(() => update({ stopTrouble: undefined }));
+export const LetMove = () => html`<${Action} kind="primary" run=${letMove}>Let servos move again<//>`;
 
 // Returns the answer to a GET, the sentence of a refusal, and a function that asks again.
 export function useAnswer(path) {
@@ -65,7 +65,8 @@ export function useEvery(period, call) {
   }, [period]);
 }
 
-export const Trouble = ({ children }) => html`<p role="alert" class="notice bad">${children}</p>`;
+const marks = (children) => [children].flat().map((part) => (typeof part === "string" ? marked(part) : part));
+export const Trouble = ({ children }) => html`<p role="alert" class="notice bad">${marks(children)}</p>`;
 
 export function bytes(count) {
   const unit = count >= 1e9 ? ["GB", 1e9] : count >= 1e6 ? ["MB", 1e6] : ["kB", 1e3];

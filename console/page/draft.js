@@ -2,8 +2,9 @@
 // its difference was shown.
 
 import { html, useState } from "./vendor/preact.js";
-import { Action, sentence } from "./common.js";
+import { Action } from "./common.js";
 import { get, mayOperate, post, update, useStore } from "./store.js";
+import { KINDS, marked, nameOf, sentence } from "./words.js";
 
 // `kept` is the text of the file, `base` its hash, `text` the draft, and `values` what the draft sets. `used` is what the file
 // sets, and so what the service uses.
@@ -120,6 +121,70 @@ export const discard = () =>
     return reload();
   });
 
+// Links of servo boards have channels. Those of DMX send the whole face without any.
+export const isBoard = ({ kind }) => ["maestro", "pca9685", "bus-servo", "sacn", "artnet"].includes(kind);
+export const isDmx = ({ kind }) => ["sacn", "artnet"].includes(kind);
+const lacksChannels = (link) => isBoard(link) && !isDmx(link) && !link.channel?.length;
+
+// Where facewire sends as long as the settings have no link.
+const USUAL_LINKS = [
+  ["this machine (127.0.0.1:5252)", { kind: "udp", address: "127.0.0.1:5252" }],
+  ["a microcontroller on USB", { kind: "serial", device: "auto", pace: "change" }],
+];
+
+// Returns the usual links that the draft ends, because the settings get their first link.
+function endedLinks() {
+  const links = draft.values.link ?? [];
+  if (draft.used.link?.length || links.length === 0) return [];
+  const place = ({ kind = "udp", address = USUAL_LINKS[0][1].address }) => (kind === "udp" ? address : kind);
+  return USUAL_LINKS.filter(([, usual]) => !links.some((link) => place(link) === place(usual)));
+}
+
+const keepUsualLinks = () => {
+  const next = draft.values.link.length;
+  const settings = endedLinks().flatMap(([, link], index) =>
+    Object.entries(link).map(([key, value]) => [`link.${next + index}.${key}`, value]),
+  );
+  return change(Object.fromEntries(settings));
+};
+
+// Returns what has become of a setting, a link or a channel, as words.
+function deed(path) {
+  const keys = path.split(".");
+  const at = (values) => keys.reduce((value, key) => value?.[key], values);
+  const listOf = (values) => keys.slice(0, -1).reduce((value, key) => value?.[key], values) ?? [];
+  const [was, is] = [at(draft.used), at(draft.values)];
+  if (!/^\d+$/.test(keys.at(-1))) return is === undefined ? "back to the default" : typeof is === "object" ? "" : String(is);
+  const isIn = (one, values) => listOf(values).some((other) => JSON.stringify(other) === JSON.stringify(one));
+  const [isGone, isNew] = [was !== undefined && !isIn(was, draft.values), is !== undefined && !isIn(is, draft.used)];
+  return isGone && isNew ? "replaced" : isGone ? "removed" : "added";
+}
+
+// One change of the settings, with its name for people and its key.
+function Change({ path }) {
+  const link = /^link\.(\d+)/.exec(path)?.[1];
+  const what = deed(path);
+  const values = what === "removed" ? draft.used : draft.values;
+  const kind = link === undefined ? undefined : (values.link?.[link]?.kind ?? "udp");
+  const place = kind ? `Link ${Number(link) + 1}, ${KINDS[kind] ?? kind}` : "";
+  const rest = kind ? path.split(".").slice(2) : [];
+  const isChannel = rest[0] === "channel";
+  const channel = isChannel && (values.link?.[link]?.channel?.[rest[1]]?.channel ?? 0);
+  const name = !kind || rest.length > (isChannel ? 2 : 0) ? nameOf(kind && !isChannel ? `link.${kind}.${rest.at(-1)}` : path) : "";
+  const words = [place, isChannel ? `channel ${channel}` : "", name].filter(Boolean).join(", ");
+  return html`<li>${words}${what && `: ${what}`} <code>${path}</code></li>`;
+}
+
+function Changes() {
+  return html`<div class="changes">
+    <ul aria-label="List of differences">
+      ${draft.changed.map((path) => html`<${Change} key=${path} path=${path} />`)}
+      ${endedLinks().map(([to, { kind }]) => html`<li key=${kind}>The usual link to ${to}: removed</li>`)}
+    </ul>
+    <${Difference} from=${draft.kept} to=${draft.text} />
+  </div>`;
+}
+
 // Shows that there are changes which are not kept, on every page.
 export function DraftBar() {
   useStore();
@@ -132,14 +197,21 @@ export function DraftBar() {
       <button type="button" class="small" onClick=${() => set({ said: undefined })}>Close</button></aside>`
     );
   const { faults, changed } = draft;
+  const ended = endedLinks();
   const count = changed.length === 1 ? "1 setting is" : `${changed.length || "Some"} settings are`;
   return html`<aside id="draft" aria-label="Changed settings">
-    ${isOpen && html`<${Difference} from=${draft.kept} to=${draft.text} />`}
+    ${isOpen && html`<${Changes} />`}
     ${
       faults.length > 0
         ? html`<p
-          class="trouble"><b>${faults.length === 1 ? "A fault" : `${faults.length} faults`}:</b> ${faults[0].line ? `line ${faults[0].line}: ` : ""}${faults[0].text}</p>`
+          class="trouble"><b>${faults.length === 1 ? "A fault" : `${faults.length} faults`}:</b> ${faults[0].line ? `line ${faults[0].line}: ` : ""}${marked(faults[0].text)}</p>`
         : html`<p>${count} changed and not kept yet.</p>`
+    }
+    ${draft.values.link?.some(lacksChannels) && location.hash !== "#servos" && html`<p>A servo board has no channel yet: <a
+      href="#servos">set up its servos</a>.</p>`}
+    ${
+      ended.length > 0 &&
+      html`<p>With a link of your own, facewire no longer sends to ${ended.map(([to]) => to).join(" or ")}. <${Action} kind="small" run=${keepUsualLinks}>Keep sending there too<//></p>`
     }
     <div class="row">
       <button type="button" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}>Difference</button>

@@ -3,6 +3,7 @@
 
 import { mayOperate } from "./store.js";
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
+import { marked } from "./words.js";
 
 // How far a thumb moves along a slider before it counts as dragging it. Until then it may be about to scroll the page.
 const SLOP_PX = 10;
@@ -36,7 +37,7 @@ export function useHand(keep) {
 }
 
 export const Refusal = ({ hand }) =>
-  hand.trouble && html`<span class="trouble" role="alert">${hand.trouble}</span>`;
+  hand.trouble && html`<span class="trouble" role="alert">${marked(hand.trouble)}</span>`;
 
 const common = (hand, isBad) => ({
   "disabled": !mayOperate(),

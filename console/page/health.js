@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { Action, bytes, time, Trouble, useAnswer, useEvery } from "./common.js";
 import { impairments, present } from "./impaired.js";
 import { ask, post, useStore } from "./store.js";
+import { marked } from "./words.js";
 import { html, useState } from "./vendor/preact.js";
 
 const HISTORY_PERIOD_MS = 5000;
@@ -31,30 +32,48 @@ function Now({ status }) {
     ["service", status?.running ? "runs" : "stopped"],
     ["version", version ?? "–"],
     ["load (1: one core)", load === undefined || load === null ? "–" : load.toFixed(2)],
-    ["temperature", temperature ? `${temperature.toFixed(0)} °C` : "–"],
-    ["supply voltage", undervoltage === true ? "too low" : undervoltage === false ? "enough" : "–"],
+    ["temperature", temperature && `${temperature.toFixed(0)} °C`],
+    ["supply voltage", undervoltage === true ? "too low" : undervoltage === false && "enough"],
     ["adaptation", present(metrics, "facewire_step").join(", ") || "–"],
     ["free space", status?.free_bytes ? bytes(status.free_bytes) : "–"],
   ];
-  return html`<dl class="facts">${facts.map(([name, value]) => html`<div
+  return html`<dl class="facts">${facts.filter(([, value]) => value).map(([name, value]) => html`<div
     key=${name}><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${impairments(status).map((sentence) => html`<p class="notice warn" role="status"
       key=${sentence}>${sentence}</p>`)}`;
 }
 
-// The columns are named STAGE_p50_ms and STAGE_p99_ms.
+// Words for the stages of a frame. The age is that of a face when its packet is sent.
+const STAGES = { age: "from camera to packet" };
+const SHARES = [
+  ["p50", "median"],
+  ["p95", "95 %"],
+  ["max", "maximum"],
+];
+
+// The columns are named STAGE_p50_ms, STAGE_p95_ms and STAGE_max_ms. Without a sensor there is no plot of the temperature.
 function Plots({ history: { columns, rows } }) {
+  const [chosen, choose] = useState("age");
   const column = (name) => rows.map((row) => row[columns.indexOf(name)] ?? null);
   const times = column("time_s");
   const stages = columns.filter((name) => name.endsWith("_p50_ms")).map((name) => name.slice(0, -"_p50_ms".length));
+  const stage = stages.includes(chosen) ? chosen : stages[0];
   const line = (name, title) => ({ title, values: column(name) });
+  const temperature = line("temperature_c", "processor");
+  const isMeasured = temperature.values.some((value) => value !== null);
   if (rows.length === 0) return html`<p class="panel">The plots begin now.</p>`;
   return html`<div class="charts">
     <${Chart} title="Frames" unit="1/s" times=${times} lines=${[line("rate_hz", "rate")]} />
-    <${Chart} title="Latency by stage, solid p50 and dashed p99" unit="ms" times=${times}
-      lines=${stages.flatMap((stage) => [line(`${stage}_p50_ms`, stage), { ...line(`${stage}_p99_ms`, `${stage} p99`), isDashed: true }])} />
+    ${
+      stage !== undefined &&
+      html`<${Chart} title="Latency" unit="ms" times=${times}
+      lines=${SHARES.map(([share, title]) => line(`${stage}_${share}_ms`, title))}>
+      <label class="check">Stage<select value=${stage} onInput=${({ target }) => choose(target.value)}>${stages.map(
+        (name) => html`<option key=${name} value=${name}>${STAGES[name] ?? name}</option>`,
+      )}</select></label><//>`
+    }
     <${Chart} title="Load, 1 is one busy core" times=${times} lines=${[line("load", "load")]} />
-    <${Chart} title="Temperature" unit="°C" times=${times} lines=${[line("temperature_c", "processor")]} />
+    ${isMeasured && html`<${Chart} title="Temperature" unit="°C" times=${times} lines=${[temperature]} />`}
   </div>`;
 }
 
@@ -70,7 +89,7 @@ function Check() {
       lines &&
       html`<ul class="check-lines" aria-label="What the check says">${lines.map(
         ({ level, text }, index) => html`<li key=${index} class=${level}>
-      <span aria-hidden="true">${SIGNS[level] ?? ""}</span> ${text}</li>`,
+      <span aria-hidden="true">${SIGNS[level] ?? ""}</span> ${marked(text)}</li>`,
       )}</ul>`
     }
   </div>`;
@@ -96,7 +115,7 @@ function LogLines() {
     ${lines?.length === 0 && html`<p>The log has no such line.</p>`}
     <ul class="check-lines" aria-label="The log, the newest line first">${lines?.map(
       ({ time_s: at, level, text }, index) => html`<li key=${index}
-        class=${level === "error" ? "failure" : level}><small class="dim">${time(at)} ${level}</small> ${text}</li>`,
+        class=${level === "error" ? "failure" : level}><small class="dim">${time(at)} ${level}</small> ${marked(text)}</li>`,
     )}</ul>`;
 }
 

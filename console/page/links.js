@@ -1,11 +1,12 @@
 // Links to receivers with their state, and all settings: as forms, as text, and their earlier versions.
 
-import { Action, sentences, time, Trouble } from "./common.js";
-import { change, Difference, draft, restore, setText, useDraft } from "./draft.js";
+import { Action, time, Trouble } from "./common.js";
+import { change, Difference, draft, isBoard, isDmx, restore, setText, useDraft } from "./draft.js";
 import { Fields, isField, ordered } from "./fields.js";
 import { Refusal, useHand } from "./hand.js";
-import { BOARDS } from "./servos.js";
+import { DIFFER, PasswordField } from "./login.js";
 import { get, loadSession, mayOperate, post, reopen, useStore } from "./store.js";
+import { KINDS, LinkState, LinkTrouble, marked, nameOf, titleOfLink } from "./words.js";
 import { html, useRef, useState } from "./vendor/preact.js";
 
 // How long nobody types before a text is judged.
@@ -45,11 +46,14 @@ export function Links() {
 function Access() {
   const [token, setToken] = useState();
   const [password, setPassword] = useState("");
+  const [again, setAgain] = useState("");
   const [old, setOld] = useState("");
   const { session } = useStore();
   const replace = async () => {
+    if (again !== password) throw new Error(DIFFER);
     await post("password", { new: password, ...(!session.local && { old }) });
     setPassword("");
+    setAgain("");
     setOld("");
     reopen();
     return { done: "The password is changed." };
@@ -60,11 +64,13 @@ function Access() {
     await loadSession();
   };
   return html`<h2>Access</h2><div class="panel">
-    <div class="row">${!session.local && html`<label class="grow">Old password<input type="password"
-      autocomplete="current-password" value=${old} onInput=${(event) => setOld(event.target.value)} /></label>`}
-      <label class="grow">New password<input type="password" autocomplete="new-password" minlength="8"
-      value=${password} onInput=${(event) => setPassword(event.target.value)} /></label>
-      <${Action} disabled=${password.length < 8 || !(session.local || old)} run=${replace}>Change<//></div>
+    ${!session.local && html`<${PasswordField} label="Old password" autocomplete="current-password" value=${old}
+      onInput=${(event) => setOld(event.target.value)} />`}
+    <${PasswordField} label="New password" autocomplete="new-password" minlength="8" value=${password}
+      onInput=${(event) => setPassword(event.target.value)} />
+    <${PasswordField} label="The same again" autocomplete="new-password" value=${again}
+      onInput=${(event) => setAgain(event.target.value)} />
+    <div class="row"><${Action} disabled=${password.length < 8 || again === "" || !(session.local || old)} run=${replace}>Change the password<//></div>
     <p class="dim">Whoever opens a link to look sees all pages, and changes nothing. A new link ends the former one.</p>
     <div class="row"><${Action} run=${share}>Make a link to look<//><${Action} needsRole=${false}
       run=${leave}>Log out<//></div>
@@ -86,11 +92,10 @@ function LinkStates({ links }) {
   if (links.length === 0) return html`<p class="panel">No link is open. The settings below name the receivers.</p>`;
   return html`${links.map(
     (link, index) => html`<article class="panel" key=${index} aria-label=${link.name}>
-    <h3>${link.name} <small
-      class=${link.open ? "state-good" : "state-bad"}>${link.open ? "connected" : "not connected"}</small></h3>
+    <h3>${titleOfLink(link)} <${LinkState} link=${link} /></h3>
     <p class="numbers"><span>rate <b>${rate(before.current.rates[index])}</b></span>
       <span>sent <b>${link.sent}</b></span> <span>dropped <b>${link.dropped}</b></span></p>
-    ${link.trouble && html`<p class="trouble">${sentences(link.trouble)}</p>`}
+    <${LinkTrouble} link=${link} />
   </article>`,
   )}`;
 }
@@ -109,6 +114,12 @@ function Form() {
   const { schema, values, faults } = draft;
   const [kind, setKind] = useState("udp");
   const links = values.link ?? [];
+  // The link that was added here last stands open.
+  const added = useRef();
+  const add = () => {
+    added.current = links.length;
+    return change({ [`link.${links.length}.kind`]: kind });
+  };
   const elsewhere = faults.filter(({ key }) => !key);
   const top = { properties: Object.fromEntries(ordered(schema ?? {}).filter(([, field]) => isField(field))) };
   const sections = ordered(schema ?? {})
@@ -116,33 +127,41 @@ function Form() {
     .filter(([, { properties }]) => properties !== undefined);
   const count = (table) => Object.values(table ?? {}).filter((value) => typeof value !== "object").length;
   return html`
-    ${elsewhere.map(({ line, text }) => html`<${Trouble}>${line ? `Line ${line}: ` : ""}${text}<//>`)}
+    ${elsewhere.map(({ line, text }) => html`<${Trouble}>${line ? `Line ${line}: ` : ""}${marked(text)}<//>`)}
     ${links.map(
-      (link, index) => html`<details class="panel" key=${index}><summary>Link ${index + 1}: ${link.kind ?? "udp"}</summary>
+      (link, index) => html`<details class="panel link" key=${index} open=${index === added.current}><summary>Link ${index + 1}: ${KINDS[link.kind ?? "udp"] ?? link.kind} <code>${link.kind ?? "udp"}</code></summary>
+      ${isBoard(link) && html`<${ToServos} link=${link} />`}
       <${Fields} schema=${schemaOf(schema, link.kind)} values=${link} path=${`link.${index}`} faults=${faults}
-        hidden=${["kind"]} />
-      ${BOARDS.includes(link.kind) && html`<p>Its channels are on the page <a href="#servos">Servos</a>.</p>`}
+        kind=${link.kind ?? "udp"} hidden=${["kind"]} />
       <${Action} run=${() => change({ [`link.${index}`]: null })}>Remove this link<//>
     </details>`,
     )}
     <div class="panel row">
       <label class="grow">A new link<select value=${kind} disabled=${!mayOperate()}
         onInput=${(event) => setKind(event.target.value)}>
-        ${kindsOf(schema).map((name) => html`<option key=${name} value=${name}>${name}</option>`)}</select></label>
-      <${Action} run=${() => change({ [`link.${links.length}.kind`]: kind })}>Add<//>
+        ${kindsOf(schema).map((name) => html`<option key=${name} value=${name}>${KINDS[name] ?? name}</option>`)}</select></label>
+      <${Action} run=${add}>Add<//>
     </div>
     <details class="panel"><summary>General</summary><${Fields} schema=${top} values=${values} path=""
       faults=${faults} /></details>
     ${sections.map(
       ([name, section]) => html`<details class="panel" key=${name}>
-      <summary>${name}${count(values[name]) > 0 ? html` <small
+      <summary>${nameOf(name)} <code>${name}</code>${count(values[name]) > 0 ? html` <small
         class="badge">${count(values[name])} changed</small>` : ""}</summary>
-      ${section.description && html`<p class="dim">${section.description}</p>`}
+      ${section.description && html`<p class="dim">${marked(section.description)}</p>`}
       <${Fields} schema=${section} values=${values[name]} path=${name} faults=${faults} />
       ${name === "adjust" && html`<p
         class="dim">Single coefficients are adjusted in the text: jawOpen = { gain = 1.2, max = 0.8 }</p>`}
     </details>`,
     )}`;
+}
+
+// Leads to the channels of a servo board.
+function ToServos({ link }) {
+  const count = link.channel?.length ?? 0;
+  if (count > 0) return html`<p>Its channels are on the page <a href="#servos">Servos</a>.</p>`;
+  const lack = isDmx(link) ? "Without a channel, it sends the whole face." : "This board has no servo yet.";
+  return html`<div class="notice row spread"><span>${lack}</span><a class="button" href="#servos">Set up its servos</a></div>`;
 }
 
 // The file's own text. A fault stands beside its line.
@@ -175,7 +194,7 @@ function Text() {
       html`<ul class="faults" aria-label="Faults">${draft.faults.map(
         ({ line, text: why }) => html`<li>
       ${line ? html`<button type="button" class="small"
-        onClick=${() => goTo(line)}>Line ${line}</button> ` : ""}${why}</li>`,
+        onClick=${() => goTo(line)}>Line ${line}</button> ` : ""}${marked(why)}</li>`,
       )}</ul>`
     }
     <div class="editor">

@@ -26,6 +26,7 @@ export function Puppet({ drive, boards }) {
   const [weights, setWeights] = useState({});
   const [turn, setTurn] = useState([0, 0, 0]);
   const [playing, setPlaying] = useState();
+  const [asks, setAsks] = useState(false);
   const shown = useRef();
   shown.current = { weights, turn, isOver: false };
   useEffect(() => () => (shown.current.isOver = true), []);
@@ -68,6 +69,11 @@ export function Puppet({ drive, boards }) {
         })),
       ),
     );
+  // Nobody starts it by mistake: it moves every servo all the way.
+  const begin = () => {
+    setAsks(false);
+    play("Sweep", sweep);
+  };
   const isOff = !drive.isArmed || playing !== undefined;
   const names = store.hello?.names ?? [];
   const slider = (
@@ -84,10 +90,18 @@ export function Puppet({ drive, boards }) {
     <div class="row">
       ${PLAYS.map(([title, length, at]) => html`<button type="button" key=${title} disabled=${isOff}
         onClick=${() => play(title, expression(length, at))}>${title}</button>`)}
-      <button type="button" disabled=${isOff || boards.length === 0}
-        onClick=${() => play("Sweep", sweep)}>Sweep each channel</button>
+      <button type="button" disabled=${isOff || boards.length === 0} aria-expanded=${String(asks)}
+        onClick=${() => setAsks(!asks)}>Sweep each channel</button>
       <button type="button" disabled=${isOff} onClick=${rest}>Rest</button>
     </div>
+    ${
+      asks &&
+      !isOff &&
+      html`<div class="notice warn row spread" role="alertdialog" aria-label="Sweep each channel">
+      <span>Each servo goes to both of its ends, one after the other. Are all ends set, and all hands away?</span>
+      <span class="row"><button type="button" class="primary" onClick=${begin}>Sweep now</button>
+      <button type="button" onClick=${() => setAsks(false)}>Leave it</button></span></div>`
+    }
     <p role="status">${playing ? `${playing} …` : ""}</p>
     ${TURNS.map(([label, most], axis) => slider(label, turn[axis], most, -most, (value) => rotate(axis, value)))}
     ${GROUPS.map(

@@ -1,13 +1,15 @@
 // Servos: a card for each channel, arming, and a puppet.
 
-import { Action, sentences, Trouble, useEvery } from "./common.js";
-import { change, draft, useDraft } from "./draft.js";
+import { Action, LetMove, Trouble, useEvery } from "./common.js";
+import { change, draft, isBoard, isDmx, useDraft } from "./draft.js";
 import { Drive } from "./drive.js";
 import { learn } from "./learn.js";
 import { Puppet } from "./puppet.js";
 import { Check, Choice, Entry, Slider } from "./hand.js";
 import { get, hasService, mayOperate, store, update, useStore } from "./store.js";
+import { SETS } from "./sets.js";
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
+import { KINDS, LinkState, LinkTrouble, titleOfLink } from "./words.js";
 
 const STATUS_PERIOD_MS = 250;
 // What the number of a channel is, its bounds, and what a channel is called.
@@ -18,7 +20,6 @@ const NUMBERS = {
   sacn: ["Address in the universe", 1, 512, "channel"],
   artnet: ["Address in the universe", 1, 512, "channel"],
 };
-export const BOARDS = Object.keys(NUMBERS);
 const HEAD_SOURCES = ["headYaw", "headPitch", "headRoll"];
 // At this factor the head goes from one end to the other while it turns by 80 degrees.
 const HEAD_FACTOR = 0.0125;
@@ -44,7 +45,6 @@ const FORMS = [
 ];
 
 const isBus = (link) => link.kind === "bus-servo";
-const isDmx = (link) => ["sacn", "artnet"].includes(link.kind);
 // What distinguishes a board from others: all its settings but those of its channels.
 const identity = ({ channel, ...board }) => JSON.stringify(Object.entries(board).sort());
 
@@ -99,31 +99,35 @@ export function Servos() {
         () => undefined,
       ),
   );
+  const isReleased = status?.service?.released;
   const links = values.link ?? [];
   const places = keptPlaces(links);
   const boards = links
     .map((link, index) => ({ link, index, place: places[index] }))
-    .filter(({ link }) => BOARDS.includes(link.kind));
-  if (trouble) return html`<${Trouble}>${trouble}<//>`;
+    .filter(({ link }) => isBoard(link));
+  if (trouble) return html`<h2>Servos</h2><${Trouble}>${trouble}<//>`;
   return html`
     <h2>Servos</h2>
-    <div class="panel row spread" id="arming">
+    <div class="panel" id="arming">
       <p>${
         drive.isArmed
-          ? html`<b class="state-bad">Armed.</b> ${status?.service?.released ? "A slider moves its servo, and all others stay as STOP has left them." : "Sliders move servos."}`
+          ? html`<b class="state-bad">Armed.</b> ${isReleased ? "A slider moves its servo, and all others stay as STOP has left them." : "Sliders move servos."}`
           : "Sliders move nothing before you arm. Keep hands away from the mechanism."
       }</p>
+      <div class="row">
       ${
         drive.isArmed
           ? html`<button type="button" onClick=${() => drive.disarm()}>Disarm</button>`
-          : html`<${Action} kind="primary" disabled=${!status?.running} run=${() => drive.arm(othersFollow)}>Arm<//>`
+          : html`<${Action} kind=${isReleased ? "" : "primary"} disabled=${!status?.running} run=${() => drive.arm(othersFollow)}>Arm<//>`
       }
-      ${
-        boards.length > 1 &&
-        !drive.isArmed &&
-        html`<label class="check"><${Check} value=${othersFollow} keep=${setOthersFollow} />Other boards follow the face meanwhile</label>`
-      }
+      ${isReleased && html`<${LetMove} />`}
+      </div>
     </div>
+    ${
+      boards.length > 1 &&
+      !drive.isArmed &&
+      html`<label class="check" id="others"><${Check} value=${othersFollow} keep=${setOthersFollow} />Other boards follow the face meanwhile</label>`
+    }
     ${ended && !status?.service?.released && html`<${Trouble}>Moving by hand has ended: ${ended}<//>`}
     ${boards.length === 0 && html`<p class="panel">No servo board is set up. <a
       href="#start">Start</a> offers the boards that are plugged in. Add a line of bus servos (bus-servo) or a DMX universe (sacn, artnet) as
@@ -138,25 +142,55 @@ function Board({ index, place, link, drive, live }) {
   const [, first, last, word] = NUMBERS[link.kind];
   const isTaken = (number) =>
     channels.some((other) => number >= (other.channel ?? 0) && number < (other.channel ?? 0) + width(link, other));
-  const free = [...Array(last + 1).keys()].slice(first).find((number) => !isTaken(number));
-  const add = () => {
-    const settings = Object.entries({ channel: free, sources: {}, ...beginning(link) });
-    const path = `link.${index}.channel.${channels.length}`;
-    return change(Object.fromEntries(settings.map(([key, value]) => [`${path}.${key}`, value])));
+  const free = [...Array(last + 1).keys()].slice(first).filter((number) => !isTaken(number));
+  const add = (servos) => {
+    const settings = servos.flatMap((servo, k) =>
+      Object.entries({ channel: free[k], sources: {}, ...beginning(link), ...servo }).map(([key, value]) => [
+        `link.${index}.channel.${channels.length + k}.${key}`,
+        value,
+      ]),
+    );
+    return change(Object.fromEntries(settings));
   };
-  const name = live?.name ?? `${link.kind} ${link.device ?? link.address ?? ""}`;
+  // A board that is not kept yet is known by its place in the list of links.
+  const receiver = link.device ?? link.address ?? (link.bus === undefined ? "" : `I2C bus ${link.bus}`);
+  const name = live?.name ?? [link.kind, receiver, `(link ${index + 1})`].filter(Boolean).join(" ");
+  const title = live ? titleOfLink(live) : [KINDS[link.kind], receiver, `(link ${index + 1}, new)`].filter(Boolean).join(" ");
+  const isNamed = (servo) => channels.some((other) => other.name === servo.name);
+  const liveOf = (channel) => live?.channels?.find(({ number }) => number === (channel.channel ?? 0));
   return html`<section class="board" aria-label=${name}>
-    <h3>${name} ${live && html`<small
-      class=${live.open ? "state-good" : "state-bad"}>${live.open ? "connected" : "not connected"}</small>`}</h3>
+    <h3>${title} ${live && html`<${LinkState} link=${live} />`}</h3>
     ${place === undefined && html`<p class="dim">This board is new or changed. Keep the settings before you move its servos.</p>`}
-    ${live?.trouble && html`<${Trouble}>${sentences(live.trouble)}<//>`}
+    ${live && html`<${LinkTrouble} link=${live} />`}
+    ${channels.length > 2 && html`<${Overview} name=${name} word=${word} channels=${channels} liveOf=${liveOf} />`}
     ${isDmx(link) && channels.length === 0 && html`<p class="dim">Without a channel of its own, it sends the whole face.</p>`}
     ${channels.map(
       (channel, k) => html`<${Channel} key=${k} place=${[index, k]} kept=${place} board=${link} channel=${channel} drive=${drive}
-      live=${live?.channels?.find(({ number }) => number === (channel.channel ?? 0))} />`,
+      live=${liveOf(channel)} />`,
     )}
-    ${free !== undefined && html`<${Action} run=${add}>Add a ${word}<//>`}
+    <div class="row" role="group" aria-label=${`Ready-made servos for ${name}`}><span class="dim">Ready-made:</span>
+      ${SETS.map(([set, servos]) => {
+        const missing = servos.filter((servo) => !isNamed(servo));
+        return html`<${Action} key=${set} kind="small" disabled=${missing.length === 0 || missing.length > free.length}
+          label=${`${set}, for ${name}`} run=${() => add(missing)}>${set}<//>`;
+      })}
+    </div>
+    ${free.length > 0 && html`<${Action} run=${() => add([{}])}>Add a ${word}<//>`}
   </section>`;
+}
+
+// All servos of a board in one view. Each leads to its card.
+function Overview({ name, word, channels, liveOf }) {
+  const show = (event) => {
+    const card = [...event.currentTarget.closest(".board").querySelectorAll(".channel")][event.currentTarget.value];
+    card?.scrollIntoView({ block: "center" });
+  };
+  return html`<div class="panel overview" role="group" aria-label=${`All servos of ${name}`}>${channels.map((channel, k) => {
+    const live = liveOf(channel);
+    const now = live?.measured ?? live?.position;
+    return html`<button type="button" key=${k} value=${k} onClick=${show}><span>${channel.name || `${word} ${channel.channel ?? 0}`}</span>
+      <${Progress} target=${live?.target} position=${now} /><b>${number2(now)}</b></button>`;
+  })}</div>`;
 }
 
 // A channel at its place in the draft, on the board at the place `kept` of the kept links.
@@ -187,6 +221,8 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
   const pulse = at(position);
   const place = (pulse - settings[end0]) / (settings[end1] - settings[end0] || 1);
   const rest = Number(Math.min(1, Math.max(0, place)).toFixed(3));
+  // What the slider shows is where the servo is only while somebody moves it.
+  const isOff = jog === undefined || !drive.isArmed;
   const move = (part) => {
     setJog(part);
     drive.move({ link: kept, channel: number, position: part });
@@ -205,36 +241,36 @@ function Channel({ place: [link, k], kept, board, channel, drive, live }) {
       <span>${whatAt.toLowerCase()} <b>${live ? (live.pulse_us === null ? none : `${at(now)} ${unit}`) : "–"}</b></span></p>
     <${Health} live=${live} />
     <div class="row">
-      <${Action} disabled=${jog === undefined} run=${() => set(end0, pulse)}
+      <${Action} disabled=${isOff} run=${() => set(end0, pulse)}
         label=${`Set end 0 here, ${name}`}>Set end 0 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set(end1, pulse)}
+      <${Action} disabled=${isOff} run=${() => set(end1, pulse)}
         label=${`Set end 1 here, ${name}`}>Set end 1 here<//>
-      <${Action} disabled=${jog === undefined} run=${() => set("neutral", rest)}
+      <${Action} disabled=${isOff} run=${() => set("neutral", rest)}
         label=${`Set rest here, ${name}`}>Set rest here<//>
     </div>
     <${Sources} settings=${settings} name=${name} set=${set} path=${path} />
     <details>
       <summary>Ends, speed and more</summary>
       <div class="fields">
-        <label>Name<${Entry} type="text" maxlength="64" autocomplete="off" value=${settings.name}
+        <label><span>Name <code>name</code></span><${Entry} type="text" maxlength="64" autocomplete="off" value=${settings.name}
           keep=${(value) => set("name", value === "" ? null : value)} /></label>
-        <${Number1} label=${label} value=${number} min=${first} max=${last} step="1"
+        <${Number1} label=${label} name="channel" value=${number} min=${first} max=${last} step="1"
           set=${(value) => set("channel", value)} />
-        <${Number1} label=${`${whatAt} at end 0 (${unit})`} value=${settings[end0]} ...${bounds}
+        <${Number1} label=${`${whatAt} at end 0 (${unit})`} name=${end0} value=${settings[end0]} ...${bounds}
           set=${(value) => set(end0, value)} />
-        <${Number1} label=${`${whatAt} at end 1 (${unit})`} value=${settings[end1]} ...${bounds}
+        <${Number1} label=${`${whatAt} at end 1 (${unit})`} name=${end1} value=${settings[end1]} ...${bounds}
           set=${(value) => set(end1, value)} />
-        <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" value=${settings.neutral} min="-1" max="1"
+        <${Number1} label="Rest (0 to 1, −1: that of the neutral face)" name="neutral" value=${settings.neutral} min="-1" max="1"
           step="0.01" set=${(value) => set("neutral", value)} />
-        <${Number1} label="Highest speed (1/s, 0: no limit)" value=${settings.speed_per_s} min="0" max="100" step="0.1"
+        <${Number1} label="Highest speed (1/s, 0: no limit)" name="speed_per_s" value=${settings.speed_per_s} min="0" max="100" step="0.1"
           set=${(value) => set("speed_per_s", value)} />
-        <${Number1} label="Highest acceleration (1/s², 0: no limit)" value=${settings.acceleration_per_s2} min="0"
+        <${Number1} label="Highest acceleration (1/s², 0: no limit)" name="acceleration_per_s2" value=${settings.acceleration_per_s2} min="0"
           max="1000" step="0.1" set=${(value) => set("acceleration_per_s2", value)} />
-        <${Number1} label="Dead zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005"
+        <${Number1} label="Dead zone" name="dead_zone" value=${settings.dead_zone} min="0" max="0.2" step="0.005"
           set=${(value) => set("dead_zone", value)} />
-        <label>Without a face<${Choice} value=${settings.loss} keep=${(value) => set("loss", value)}
+        <label><span>Without a face <code>loss</code></span><${Choice} value=${settings.loss} keep=${(value) => set("loss", value)}
           choices=${[["neutral", "stay at rest"], ["release", released]]} /></label>
-        ${isDmx(board) && html`<label>Value in the universe<${Choice} value=${settings.dmx}
+        ${isDmx(board) && html`<label><span>Value in the universe <code>dmx</code></span><${Choice} value=${settings.dmx}
           keep=${(value) => set("dmx", value)} choices=${FORMS} /></label>`}
       </div>
       <p class="dim">A new servo has ends close to its middle, and moves slowly. The slider reaches a wider end once you have typed and kept it
@@ -261,7 +297,7 @@ function Progress({ target, position }) {
     <b style=${{ left: `${100 * (target ?? 0)}%` }}></b></div>`;
 }
 
-const Number1 = ({ label, set, ...rest }) => html`<label>${label}<${Entry} type="number" inputmode="decimal"
+const Number1 = ({ label, name, set, ...rest }) => html`<label><span>${label} ${name && html`<code>${name}</code>`}</span><${Entry} type="number" inputmode="decimal"
   keep=${set} ...${rest} /></label>`;
 
 // What a channel follows: a factor for each source, and an offset.

@@ -1,13 +1,13 @@
 // The first time: five steps from a camera to a receiver that moves. Each can be left and come back to.
 
-import { Action, sentences, Trouble, useAnswer } from "./common.js";
-import { change, draft, isChanged, useDraft } from "./draft.js";
+import { Action, Trouble, useAnswer } from "./common.js";
+import { change, draft, isBoard, isChanged, useDraft } from "./draft.js";
 import { Choice, Refusal, useHand } from "./hand.js";
 import { impairments, present } from "./impaired.js";
 import { Picture } from "./picture.js";
-import { BOARDS } from "./servos.js";
 import { onFace, post, store, useStore } from "./store.js";
 import { html, useEffect, useState } from "./vendor/preact.js";
+import { KINDS, LinkState, LinkTrouble, marked, titleOfLink } from "./words.js";
 
 const STEPS = [
   ["Camera", Camera],
@@ -67,7 +67,7 @@ function Camera() {
   return html`<div class="panel">
     <h3>Which camera?</h3>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
-    ${devices?.not_examined?.map((sentence) => html`<p class="notice warn" key=${sentence}>${sentence}</p>`)}
+    ${devices?.not_examined?.map((sentence) => html`<p class="notice warn" key=${sentence}>${marked(sentence)}</p>`)}
     ${devices && cameras.length === 0 && html`<p
       class="notice warn">No camera is plugged in. Plug one in, and look again.</p>`}
     <fieldset class="choices"><legend>Camera</legend>
@@ -166,7 +166,10 @@ const PROGRAMS = [
     kind: "udp",
     title: "Another facewire receiver",
     port: 5252,
-    other: ["Receive UDP at port 5252: facewire monitor shows what arrives."],
+    other: [
+      "It receives UDP at port 5252. A facewire-console there shows what arrives.",
+      "The firewall there must accept UDP at port 5252.",
+    ],
   },
 ];
 
@@ -195,7 +198,7 @@ function Receiver() {
     <h3>Who receives the face?</h3>
     ${links.length === 0 && html`<p
       class="dim">Without a choice here, facewire sends to this machine, and to a microcontroller on USB.</p>`}
-    ${links.length > 0 && html`<p>Already set up: ${links.map(({ kind = "udp", address, device }) => [kind, address ?? device].filter((part) => typeof part === "string").join(" ")).join("; ")}.</p>`}
+    ${links.length > 0 && html`<p>Already set up: ${links.map(({ kind = "udp", address, device }) => [KINDS[kind] ?? kind, address ?? device].filter((part) => typeof part === "string").join(" ")).join("; ")}.</p>`}
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     <h4>Plugged in here</h4>
     ${devices && offers.length === 0 && html`<p>No servo board and no microcontroller is seen. Plug one in, and look again.</p>`}
@@ -231,15 +234,15 @@ function Program({ kind, title, port, other, add }) {
 
 function TryIt() {
   const links = store.status?.service?.links ?? [];
-  const hasServos = (draft.values.link ?? []).some(({ kind }) => BOARDS.includes(kind));
+  const hasServos = (draft.values.link ?? []).some(isBoard);
   return html`<div class="panel">
     <h3>Does it arrive?</h3>
     <p>Open and close your mouth: the receiver must follow.</p>
     ${links.length === 0 && html`<p
       class="notice warn">No link is open. Choose a receiver in step 3, and keep the change.</p>`}
     <ul class="list">${links.map(
-      ({ name, open, sent, trouble }, index) => html`<li key=${index}><b>${name}</b>:${" "}
-      <span class=${open ? "state-good" : "state-bad"}>${open ? `connected, ${sent} sent` : "not connected"}</span>${trouble && html`<p class="trouble">${sentences(trouble)}</p>`}</li>`,
+      (link, index) => html`<li key=${index}><b>${titleOfLink(link)}</b> <${LinkState} link=${link} /> <small
+      class="dim">${link.sent} sent</small><${LinkTrouble} link=${link} /></li>`,
     )}</ul>
     ${hasServos && html`<p>Set the ends and the source of each servo on the page <a
       href="#servos">Servos</a>, one after the other, and come back here.</p>`}

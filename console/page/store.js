@@ -52,7 +52,8 @@ export function whyNoStop() {
   if (!session.role) return "this page is logged out";
   if (!mayOperate()) return "this browser may only look now";
   if (connection !== "open") return connection;
-  return status && !status.running ? (status.trouble ?? "the service does not run") : undefined;
+  // A banner says why.
+  return status && !status.running ? "no service answers" : undefined;
 }
 
 // Opens the stream of events again, as for another session.

@@ -54,7 +54,7 @@ const CHANGED: Refusal = Refusal::fixed(
 );
 const NO_HELPER: Refusal = Refusal::fixed(
     StatusCode::CONFLICT,
-    "This program may not start services here: run sudo systemctl enable --now facewire in a terminal.\n",
+    "The console may not start the service here, because its helper is not installed. Start the service in a terminal.\n",
 );
 const CALIBRATING: Refusal =
     Refusal::fixed(StatusCode::CONFLICT, "A calibration is in progress. Wait until it ends, or cancel it.\n");
@@ -610,7 +610,9 @@ impl From<ControlError> for Refusal {
     fn from(error: ControlError) -> Self {
         let status = match error {
             ControlError::Refused(_) => StatusCode::CONFLICT,
-            ControlError::Away | ControlError::Forbidden => StatusCode::SERVICE_UNAVAILABLE,
+            ControlError::Away | ControlError::Unreached { .. } | ControlError::Forbidden => {
+                StatusCode::SERVICE_UNAVAILABLE
+            }
             ControlError::Silent(_) => StatusCode::GATEWAY_TIMEOUT,
         };
         Self::new(status, format!("{error}\n"))

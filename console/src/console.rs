@@ -195,6 +195,10 @@ impl Console {
         let values = text.map_or(Value::Null, |text| settings::values(&text));
         let (service, away) = match self.control.status().await {
             Ok(service) => (service, None),
+            Err(ControlError::Away) => {
+                let why = self.control.why_away(&facewire_board::root(), &self.settings.path);
+                (Value::Null, Some(why.to_string()))
+            }
             Err(error) => (Value::Null, Some(error.to_string())),
         };
         let trouble = away.or_else(|| refused.as_ref().err().map(ToString::to_string));

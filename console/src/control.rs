@@ -5,7 +5,7 @@
 //! [`PATIENCE`] each, a release [`RELEASE_PATIENCE`], and a line has at most [`MOST_LINE_BYTES`].
 
 use std::{
-    io,
+    fs, io,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -34,8 +34,14 @@ const MOST_LINE_BYTES: u64 = 512 * 1024;
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
     /// Nobody listens at the socket.
-    #[error("the service does not run: start it on the page Start, or with systemctl start facewire")]
+    #[error("the service does not run: start it on the page Start")]
     Away,
+    /// The service runs, but nobody listens at the socket.
+    #[error(
+        "the service runs as process {process}, but this console does not reach it: it has no control socket at {socket}. \
+         Set XDG_RUNTIME_DIR for both to the same folder, which only their user can enter, and start both again"
+    )]
+    Unreached { process: u32, socket: String },
     /// The socket exists, and this user may not use it.
     #[error("this program may not speak with the service: run it as the unit facewire-console does, or as root")]
     Forbidden,
@@ -66,6 +72,16 @@ impl Control {
     /// Without a path, looks where the service of this user listens, and then where the system's does.
     pub fn new(path: Option<&Path>) -> Self {
         Self { paths: path.map_or_else(sockets, |path| vec![path.to_owned()]) }
+    }
+
+    /// Says why nobody listens at the socket: whether the service of these settings runs on the machine whose `/proc` lies below
+    /// `root`.
+    pub fn why_away(&self, root: &Path, settings: &Path) -> ControlError {
+        let socket = self.paths.first().map_or_else(String::new, |path| path.display().to_string());
+        match process_of(root, settings) {
+            Some(process) => ControlError::Unreached { process, socket },
+            None => ControlError::Away,
+        }
     }
 
     /// Connects and sends a request. The connection stays open for the answer.
@@ -147,6 +163,21 @@ impl Connection {
     }
 }
 
+/// Returns the process that runs the service with these settings, or with none.
+fn process_of(root: &Path, settings: &Path) -> Option<u32> {
+    let processes = fs::read_dir(root.join("proc")).ok()?;
+    processes.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok()).find(|process: &u32| {
+        let folder = root.join("proc").join(process.to_string());
+        let arguments = fs::read_to_string(folder.join("cmdline")).unwrap_or_default();
+        let mut arguments = arguments.split('\0');
+        let is_program = arguments.next().is_some_and(|program| Path::new(program).ends_with("facewire"));
+        let is_service = is_program && arguments.next() == Some("run");
+        let config = arguments.skip_while(|argument| *argument != "--config").nth(1);
+        let is_same = |config| fs::read_link(folder.join("cwd")).unwrap_or_default().join(config) == settings;
+        is_service && config.is_none_or(is_same)
+    })
+}
+
 async fn within<T>(work: impl Future<Output = io::Result<T>>) -> io::Result<T> {
     timeout(PATIENCE, work).await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
 }
@@ -156,6 +187,29 @@ mod tests {
     use tokio::{net::UnixListener, time::Instant};
 
     use super::*;
+
+    #[test]
+    fn a_service_that_runs_and_does_not_listen_is_told_with_its_process_and_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let (root, settings) = (folder.path(), Path::new("/etc/facewire.toml"));
+        let control = Control::new(Some(Path::new("/run/here/control")));
+        let run = |process: u32, arguments: &str| {
+            let of_process = root.join("proc").join(process.to_string());
+            fs::create_dir_all(&of_process).unwrap();
+            fs::write(of_process.join("cmdline"), arguments).unwrap();
+        };
+        for (process, arguments) in
+            [(5, "/usr/bin/facewire\0run\0--config\0/etc/other.toml\0"), (6, "/usr/bin/facewire\0check\0"), (7, "")]
+        {
+            run(process, arguments);
+        }
+        assert!(matches!(control.why_away(root, settings), ControlError::Away));
+        run(8, "/usr/bin/facewire\0run\0--config\0/etc/facewire.toml\0");
+        let told = control.why_away(root, settings).to_string();
+        for part in ["runs as process 8", "/run/here/control", "Set XDG_RUNTIME_DIR"] {
+            assert!(told.contains(part), "{told}");
+        }
+    }
 
     /// The clock goes on only when everybody waits for it.
     #[tokio::test(start_paused = true)]

@@ -25,6 +25,8 @@ use crate::{
 /// The former versions that are kept.
 const MOST_VERSIONS: usize = 10;
 const REFUSED: &str = ".refused";
+/// The longest list of links, or of channels, in which those that were removed or added are found.
+const MOST_ALIGNED: usize = 64;
 /// Settings that are longer are refused. The defaults with all comments have 20 kB.
 pub const MOST_BYTES: usize = 128 * 1024;
 /// The most levels of a key or a value. Those of facewire have at most six, as in `link.0.channel.2.sources.jawOpen`.
@@ -308,15 +310,96 @@ fn differences(path: &str, old: &Value, new: &Value, keys: &mut BTreeSet<String>
                 differences(&below(key), &of(old), &of(new), keys);
             }
         }
-        (Value::Array(old), Value::Array(new)) if old.iter().chain(new).all(Value::is_object) => {
-            for index in 0..old.len().max(new.len()) {
-                let of = |values: &[Value]| values.get(index).cloned().unwrap_or_default();
-                differences(&below(&index.to_string()), &of(old), &of(new), keys);
+        _ if tables(old).or(tables(new)).is_some() => {
+            // Where there is no list yet, or no longer, all its tables are added or removed.
+            let [old, new] = [old, new].map(|list| tables(list).unwrap_or_default());
+            for pair in aligned(old, new) {
+                match pair {
+                    (Some(was), Some(is)) => {
+                        let [was, now] = [old.get(was), new.get(is)].map(|table| table.unwrap_or(&Value::Null));
+                        differences(&below(&is.to_string()), was, now, keys);
+                    }
+                    (Some(only), None) | (None, Some(only)) => drop(keys.insert(below(&only.to_string()))),
+                    (None, None) => {}
+                }
             }
         }
         _ if old != new => drop(keys.insert(path.to_owned())),
         _ => {}
     }
+}
+
+/// The tables of a list of tables.
+fn tables(value: &Value) -> Option<&[Value]> {
+    value.as_array().filter(|list| !list.is_empty() && list.iter().all(Value::is_object)).map(Vec::as_slice)
+}
+
+/// The place of a table in the old list and in the new one. A table that was removed or added has one of them.
+type Pair = (Option<usize>, Option<usize>);
+
+/// A way to make one list from the beginning of another.
+#[derive(Debug, Default, Clone)]
+struct Way {
+    cost: usize,
+    pairs: Vec<Pair>,
+}
+
+impl Way {
+    fn with(&self, cost: usize, pair: Pair) -> Self {
+        Self { cost: self.cost + cost, pairs: [&*self.pairs, &[pair]].concat() }
+    }
+}
+
+/// Pairs the tables of a list with those that they have become, in order, so that fewest values differ. Longer lists than any
+/// head has are compared place by place.
+fn aligned(old: &[Value], new: &[Value]) -> Vec<Pair> {
+    if old.len().max(new.len()) > MOST_ALIGNED {
+        let of = |place: usize, list: &[Value]| (place < list.len()).then_some(place);
+        return (0..old.len().max(new.len())).map(|place| (of(place, old), of(place, new))).collect();
+    }
+    // The best ways from the old tables so far to no table of the new list, to its first one, to its first two, and so on.
+    let mut ways = vec![Way::default()];
+    for (is, table) in new.iter().enumerate() {
+        let next = ways.last().map(|way| way.with(size(table), (None, Some(is))));
+        ways.extend(next);
+    }
+    for (was, before) in old.iter().enumerate() {
+        let mut next: Vec<Way> = Vec::new();
+        for (count, way) in ways.iter().enumerate() {
+            let mut best = way.with(size(before), (Some(was), None));
+            let is = count.wrapping_sub(1);
+            if let (Some(table), Some(fewer), Some(both)) = (new.get(is), next.last(), ways.get(is)) {
+                let added = fewer.with(size(table), (None, Some(is)));
+                let same = both.with(distance(before, table), (Some(was), Some(is)));
+                best = [same, added].into_iter().chain([best.clone()]).min_by_key(|way| way.cost).unwrap_or(best);
+            }
+            next.push(best);
+        }
+        ways = next;
+    }
+    ways.pop().map(|way| way.pairs).unwrap_or_default()
+}
+
+/// How many values a table has, at all levels.
+fn size(value: &Value) -> usize {
+    match value {
+        Value::Object(table) => table.values().map(size).sum::<usize>() + 1,
+        Value::Array(list) => list.iter().map(size).sum::<usize>() + 1,
+        _ => 1,
+    }
+}
+
+/// How much two tables differ. Two links of different kinds are never the same one.
+fn distance(old: &Value, new: &Value) -> usize {
+    let [was, is] = [old, new].map(|link| link.get("kind").and_then(Value::as_str).unwrap_or("udp"));
+    if was != is {
+        return size(old) + size(new) + 1;
+    }
+    let keys = |one: &Value| one.as_object().map(|table| table.keys().cloned().collect()).unwrap_or_default();
+    let all: BTreeSet<String> = BTreeSet::union(&keys(old), &keys(new)).cloned().collect();
+    let differing = all.iter().filter(|key| old.get(key.as_str()) != new.get(key.as_str()));
+    let larger = |key: &String| [old, new].map(|one| one.get(key.as_str()).map_or(0, size)).into_iter().max();
+    differing.filter_map(larger).sum()
 }
 
 /// Whether a channel of a servo board is set that was not.
@@ -471,6 +554,36 @@ mod tests {
             json!({"camera.device": "demo", "camera.fps": null, "link.0.channel.1.neutral": null, "adjust": null}),
         );
         assert_eq!(values(&old.unwrap()), values(TEXT));
+    }
+
+    #[test]
+    fn a_link_that_is_removed_or_added_is_one_change_wherever_it_stands() {
+        let board = |device: &str| {
+            format!(
+                "[[link]]\nkind = \"maestro\"\ndevice = \"{device}\"\n[[link.channel]]\nchannel = 1\n[[link.channel]]\nchannel = 2\n"
+            )
+        };
+        let (udp, vmc) = ("[[link]]\naddress = \"10.0.0.1:5252\"\n", "[[link]]\nkind = \"vmc\"\n");
+        let [first, second] = ["/dev/a", "/dev/b"].map(board);
+        let all = [udp, &first, &second].concat();
+        for (old, new, keys) in [
+            (&all, [&*first, &second].concat(), vec!["link.0"]),
+            (&all, [udp, &second].concat(), vec!["link.1"]),
+            (&all, [vmc, &all].concat(), vec!["link.0"]),
+            (&all, [&*first, &second, vmc].concat(), vec!["link.0", "link.2"]),
+            (&all, [vmc, &first, &second].concat(), vec!["link.0"]),
+            (
+                &all,
+                all.replace("channel = 2", "channel = 3"),
+                vec!["link.1.channel.1.channel", "link.2.channel.1.channel"],
+            ),
+            (&all, all.replace("[[link.channel]]\nchannel = 1\n", ""), vec!["link.1.channel.0", "link.2.channel.0"]),
+            (&all, all.replace("/dev/a", "/dev/c"), vec!["link.1.device"]),
+            (&all, String::new(), vec!["link.0", "link.1", "link.2"]),
+            (&String::new(), [udp, vmc].concat(), vec!["link.0", "link.1"]),
+        ] {
+            assert_eq!(changed(old, &new), keys, "{new}");
+        }
     }
 
     #[test]

@@ -9,6 +9,9 @@ use serde_json::{Map, Value, json};
 /// Time between two rows of the history, in seconds.
 pub const ROW_PERIOD_S: u64 = 5;
 const MOST_ROWS: usize = 720;
+/// What a row tells of the durations of a stage: their median, 95 % of them are shorter, and the longest one. The limits of the
+/// histogram's buckets are known, and not the durations in between, so that the longest one is rounded up.
+const SHARES: [(&str, f64); 3] = [("p50", 0.5), ("p95", 0.95), ("max", 1.0)];
 /// The histograms of a status: a metric's name, with its label if there are several.
 const HISTOGRAM: &str = "_seconds_bucket{";
 
@@ -122,7 +125,7 @@ impl History {
                 look.as_ref().and_then(|look| look.stages.iter().find(|stage| stage.name == *name).cloned())
             };
             let (before, now) = (of(&last), of(&look));
-            row.extend([0.5, 0.99].map(|share| quantile_ms(before.as_ref(), now.as_ref()?, share)));
+            row.extend(SHARES.map(|(_, share)| quantile_ms(before.as_ref(), now.as_ref()?, share)));
         }
         row.extend(["load", "temperature_c"].map(|key| board.get(key).and_then(Value::as_f64)));
         self.last = look;
@@ -133,7 +136,7 @@ impl History {
     }
 
     pub fn to_json(&self) -> Value {
-        let stages = self.stages.iter().flat_map(|name| [format!("{name}_p50_ms"), format!("{name}_p99_ms")]);
+        let stages = self.stages.iter().flat_map(|name| SHARES.map(|(share, _)| format!("{name}_{share}_ms")));
         let columns = ["time_s", "rate_hz"].map(str::to_owned).into_iter().chain(stages);
         let columns: Vec<String> = columns.chain(["load", "temperature_c"].map(str::to_owned)).collect();
         // Rows from before the first status have no stages.
@@ -204,15 +207,18 @@ mod tests {
                 "time_s",
                 "rate_hz",
                 "mesh_p50_ms",
-                "mesh_p99_ms",
+                "mesh_p95_ms",
+                "mesh_max_ms",
                 "age_p50_ms",
-                "age_p99_ms",
+                "age_p95_ms",
+                "age_max_ms",
                 "load",
                 "temperature_c"
             ])
         );
         let row = &json["rows"].as_array().unwrap().last().unwrap();
-        assert_eq!((&row[2], &row[3], &row[4], &row[6]), (&json!(10.0), &json!(19.8), &Value::Null, &json!(0.5)));
+        assert_eq!((&row[2], &row[3], &row[4]), (&json!(10.0), &json!(19.0), &json!(20.0)));
+        assert_eq!((&row[5], &row[8]), (&Value::Null, &json!(0.5)));
         assert!(row[1].as_f64().is_some_and(|rate_hz| rate_hz > 0.0), "{row}");
         // The service has started again.
         history.add(Some(&metrics(3, 3, 3)), 16.0, &board);

@@ -85,6 +85,9 @@ fn keep(browser: &mut Browser) {
 fn log_in(browser: &mut Browser, url: &str) {
     browser.open(url);
     browser.fill(&element("input[name=password]"), PASSWORD);
+    if browser.value("document.querySelector('input[name=again]') !== null") == true {
+        browser.fill(&element("input[name=again]"), PASSWORD);
+    }
     browser.press("Enter");
     browser.wait_until("document.querySelector('nav')");
 }

@@ -154,7 +154,7 @@ impl Head {
         self.browser.wait_until(&format!("document.querySelector('option[value={kind}]')"));
         self.browser.choose(&format!("document.querySelector('option[value={kind}]')?.parentElement"), kind);
         self.click("Add");
-        self.browser.click(&format!("Link {}: {kind}", links + 1));
+        self.browser.wait_until(&format!("document.querySelectorAll('details.link')[{links}]?.open"));
     }
 
     /// Sets a field of the second link.
@@ -189,7 +189,10 @@ impl Head {
 
     /// Gives the password on the form for it.
     fn enter(&mut self, button: &str) {
-        self.browser.fill(&element("input[type=password]"), "a good password");
+        self.browser.fill(&element("[name=password]"), "a good password");
+        if self.browser.value("document.querySelector('[name=again]') !== null") == true {
+            self.browser.fill(&element("[name=again]"), "a good password");
+        }
         self.browser.click(button);
         self.may_operate();
     }
@@ -317,6 +320,74 @@ fn bus_servos_are_added_moved_and_kept_by_clicks_and_one_that_does_not_answer_is
 }
 
 #[test]
+fn every_setting_of_the_service_has_a_name_and_no_page_shows_marks_of_code_or_commands() {
+    let Some(mut head) = Head::start(DESK) else { return };
+    let nameless = "Promise.all([import('./words.js'), fetch('api/1/settings').then((answer) => answer.json())]).then(([{ NAMES, KINDS }, { schema }]) => {
+        const isField = ({ type, enum: choices }) => choices !== undefined || ['string', 'integer', 'number', 'boolean'].includes(type);
+        const of = ({ properties }) => Object.entries(properties);
+        const has = (path, key) => `${path}${key}` in NAMES || key in NAMES;
+        const sections = of(schema).map(([name, it]) => [name, it.$ref ? schema.$defs[it.$ref.split('/').pop()] : it]);
+        const kinds = schema.properties.link.items.oneOf;
+        const below = [
+            ...sections.filter(([, it]) => it.properties).map(([name, it]) => [`${name}.`, it]),
+            ...kinds.map((it) => [`link.${it.properties.kind.const}.`, it]),
+            ['link.channel.', schema.$defs.channel],
+        ];
+        return [
+            ...sections.map(([name]) => name).filter((name) => !has('', name)),
+            ...kinds.map((it) => it.properties.kind.const).filter((kind) => !(kind in KINDS)),
+            ...below.flatMap(([path, it]) => of(it).filter(([key, field]) => isField(field) && !has(path, key)).map(([key]) => path + key)),
+        ];
+    })";
+    assert_eq!(head.browser.value(nameless), serde_json::json!([]));
+    let text =
+        "[...document.querySelectorAll('header, #banners, main, aside')].map((part) => part.textContent).join(' ')";
+    for page in ["links", "live", "start", "servos", "wearer", "health", "recordings", "links"] {
+        head.browser.turn_to(page);
+        if page == "health" {
+            head.browser.click("Check now");
+            head.browser.wait_until("document.querySelectorAll('.check-lines li').length > 2");
+        }
+        let shown = head.browser.value(text).as_str().unwrap().to_owned();
+        let found: Vec<_> = ["`", "sudo ", "systemctl"].into_iter().filter(|word| shown.contains(word)).collect();
+        assert!(found.is_empty(), "{page} shows {found:?}: {shown}");
+    }
+    // A link by UDP does not claim that anybody receives.
+    assert!(head.browser.value(text).as_str().unwrap().contains("sending to 127.0.0.1:9"));
+}
+
+#[test]
+fn the_ready_made_servos_of_a_head_are_settings_that_the_service_takes() {
+    let Some(mut head) = Head::start(PHONE) else { return };
+    head.add_link("maestro");
+    head.browser.turn_to("servos");
+    head.click("Whole head");
+    head.click("Lower lids");
+    head.keep();
+    assert_eq!(head.saved().matches("[[link.channel]]").count(), 10);
+    head.browser.wait_for_text("Waits for a Pololu Maestro");
+    head.look("a whole head");
+}
+
+#[test]
+fn a_service_that_nobody_reaches_is_told_as_such_in_its_log_and_on_the_page() {
+    let Some(mut head) = Head::start(PHONE) else { return };
+    let config = head.folder.path().join("facewire.toml");
+    head.service.kill().unwrap();
+    head.service.wait().unwrap();
+    let log = head.folder.path().join("log");
+    let mut service = Command::new(&head.program);
+    service.args(["run", "--config"]).arg(&config).env_remove("RUNTIME_DIRECTORY").env("XDG_RUNTIME_DIR", "");
+    service.env("FACEWIRE_SYSROOT", "/nonexistent").stdin(Stdio::null()).stdout(Stdio::null());
+    head.service = service.stderr(fs::File::create(&log).unwrap()).spawn().unwrap();
+    let told = format!("The service runs as process {}, but this console does not reach it", head.service.id());
+    head.browser.wait_for_text(&told);
+    head.browser.screenshot("a service that nobody reaches");
+    let log = fs::read_to_string(log).unwrap();
+    assert!(log.contains("WARN") && log.contains("no control socket") && log.contains("set XDG_RUNTIME_DIR"), "{log}");
+}
+
+#[test]
 fn channels_of_dmx_are_added_moved_and_kept_by_clicks_and_none_overlap() {
     let Some(mut head) = Head::start(DESK) else { return };
     let node = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -379,7 +450,7 @@ fn a_slider_moves_the_board_of_its_card_although_the_draft_has_removed_the_board
         let mut bytes = [0; 18 + 512];
         std::iter::from_fn(|| node.recv(&mut bytes).ok().map(|_| bytes[18])).collect::<Vec<_>>()
     };
-    head.browser.click("Link 2: artnet");
+    head.browser.click("Link 2: DMX by Art-Net");
     head.click("Remove this link");
     head.add_link_after(2, "artnet");
     head.browser.turn_to("servos");
@@ -417,7 +488,7 @@ fn boards_are_added_removed_moved_and_stopped_by_thumb_and_by_mouse_and_stop_is_
         head.keep();
         head.browser.wait_for_text("All servos are released");
         head.browser.turn_to("links");
-        head.browser.click("Link 2: artnet");
+        head.browser.click("Link 2: DMX by Art-Net");
         head.click("Remove this link");
         head.keep();
         assert!(head.saved().contains("\"maestro\"") && !head.saved().contains("artnet"), "{}", head.saved());

@@ -83,14 +83,15 @@ fn drive_until(console: &Console, browser: &mut Browser, slider: &str, value: f6
     });
 }
 
-/// Drags the slider of channel 0 to a value and sets an end or the rest there, until the page shows the effect.
-fn set_here(browser: &mut Browser, value: f64, button: &str, text: &str) {
-    let is_shown = format!("document.body.innerText.includes({text:?})");
-    eventually(text, || {
+/// Drags the slider of channel 0 to a value and sets an end or the rest there, until the draft has this line. The page may have
+/// disarmed meanwhile, and then sets nothing.
+fn set_here(browser: &mut Browser, value: f64, button: &str, line: &str) {
+    let is_set = format!("import('./draft.js').then(({{ draft }}) => draft.text.includes({line:?}))");
+    eventually(line, || {
         browser.drive(&element(SLIDER), value);
         browser.click_on(&or_arm(button));
         browser.settle();
-        browser.value(&is_shown) == true
+        browser.value(&is_set) == true
     });
 }
 
@@ -130,6 +131,8 @@ fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
                 [x + width / 2, y + height / 2])(document.getElementById('stop').getBoundingClientRect())).id",
             );
             assert_eq!(stop, "stop", "{page} on a {device}");
+            let cut = "[...document.querySelectorAll('dd, dt')].filter((it) => it.checkVisibility() && it.scrollWidth > it.clientWidth).map((it) => it.innerText)";
+            assert_eq!(browser.value(cut), json!([]), "tiles that are cut: {page} on a {device}");
             if let Some(axe) = &axe {
                 browser.value(&format!("{axe}; 0"));
                 let found = browser.value(
@@ -247,13 +250,18 @@ fn a_page_whose_session_ends_says_before_it_is_pressed_that_stop_does_not_work()
 #[test]
 fn a_new_password_is_set_with_the_old_one_and_the_page_goes_on() {
     let Some((console, mut browser, address)) = log_in_from_elsewhere("links") else { return };
-    let [old, new] = ["Old password", "New password"].map(|label| labelled("#page-links", label));
+    let [old, new, again] =
+        ["Old password", "New password", "The same again"].map(|label| labelled("#page-links", label));
     browser.fill(&old, "a wrong password");
     browser.fill(&new, "another password");
-    browser.click("Change");
+    browser.fill(&again, "an other password");
+    browser.click("Change the password");
+    browser.wait_for_text("The two passwords differ");
+    browser.fill(&again, "another password");
+    browser.click("Change the password");
     browser.wait_for_text("The password or the token is wrong.");
     browser.fill(&old, "a good password");
-    browser.click("Change");
+    browser.click("Change the password");
     browser.wait_for_text("The password is changed.");
     browser.click("STOP");
     until_asked(&console, &json!({"do": "release", "on": true}));
@@ -486,7 +494,7 @@ fn other_boards_follow_the_face_while_one_is_armed_only_if_that_is_ticked() {
         !browser.is_armed()
     });
     console.service.until(have_ended);
-    browser.click_on(&labelled("#arming", "Other boards follow the face"));
+    browser.click_on("document.querySelector('#others input')");
     browser.screenshot("two boards");
     browser.arm();
     until_asked(&console, &json!({"do": "drive", "others_follow": true}));
@@ -518,23 +526,51 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
     drive_until(&console, &mut browser, &element("#puppet input"), 20.0, |seen| {
         seen.lines.iter().any(|(_, line)| line["head_deg"] == json!([20.0, 0.0, 0.0]))
     });
-    press_armed(&console, &mut browser, "Sweep each channel", |seen| {
-        [0, 3].into_iter().all(|number| {
-            seen.lines.iter().any(|(_, line)| line["channel"] == number && line["position"].as_f64() > Some(0.9))
-        })
+    let question = "document.querySelector('[role=alertdialog]') !== null";
+    let ends = |seen: &Seen, number: u32| {
+        seen.lines.iter().any(|(_, line)| line["channel"] == number && line["position"].as_f64() > Some(0.9))
+    };
+    eventually("a sweep", || {
+        browser.click_on(&or_arm("Sweep each channel"));
+        browser.wait_for_picture();
+        if browser.value(question) == true {
+            browser.screenshot("the question before a sweep");
+            browser.click_on(&or_arm("Sweep now"));
+            browser.wait_until("document.querySelector('#puppet [role=status]')?.textContent === ''");
+        }
+        let seen = console.service.seen.lock().unwrap();
+        [0, 3].into_iter().all(|number| ends(&seen, number))
     });
+}
+
+#[test]
+fn a_sweep_asks_first_and_whoever_leaves_it_moves_nothing() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    eventually("the question", || {
+        browser.click_on(&or_arm("Sweep each channel"));
+        browser.wait_for_picture();
+        browser.value("document.querySelector('[role=alertdialog]') !== null") == true
+    });
+    browser.screenshot("the question before a sweep on a phone");
+    browser.click_on(&or_arm("Leave it"));
+    browser.await_statuses(browser.statuses() + 2);
+    let seen = console.service.seen.lock().unwrap();
+    assert!(seen.lines.iter().all(|(_, line)| line["position"].is_null()), "{:?}", seen.lines);
 }
 
 #[test]
 fn ends_and_rest_are_set_where_the_servo_is_and_kept_with_the_comments() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
-    set_here(&mut browser, 0.25, "Set end 0 here", "1 setting is changed and not kept yet");
+    set_here(&mut browser, 0.25, "Set end 0 here", "pulse_at_0_us = 1300");
+    browser.wait_for_text("1 setting is changed and not kept yet");
     browser.click("Difference");
+    browser.wait_for_text("Pulse at end 0: 1300");
     browser.wait_for_text("+ pulse_at_0_us = 1300 # jaw shut");
     browser.screenshot("difference");
     // The service does not know the new end yet, and moves between those of the file.
-    set_here(&mut browser, 0.75, "Set end 1 here", "+ pulse_at_1_us = 1700");
-    set_here(&mut browser, 0.375, "Set rest here", "+ neutral = 0.25");
+    set_here(&mut browser, 0.75, "Set end 1 here", "pulse_at_1_us = 1700");
+    set_here(&mut browser, 0.375, "Set rest here", "neutral = 0.25");
+    browser.wait_for_text("3 settings are changed");
     assert_eq!(console.settings(), SETTINGS);
     browser.click("Keep");
     browser.wait_until("!document.getElementById('draft')");
@@ -554,7 +590,7 @@ fn a_setting_keeps_what_is_typed_key_by_key_while_statuses_come() {
     let camera = "/dev/v4l/by-id/usb-046d_HD_Pro_Webcam_C920-video-index0";
     let device = element("[id='field-camera.device']");
     let fps = element("[id='field-camera.fps']");
-    browser.click("camera");
+    browser.click("Camera");
     browser.select_all(&device);
     browser.type_through_statuses(camera);
     assert_eq!(shown(&mut browser, &device), camera);
@@ -585,7 +621,7 @@ fn a_setting_keeps_what_is_typed_key_by_key_while_statuses_come() {
     browser.choose(&format, "mjpeg");
     browser.wait_for_text("3 settings are changed and not kept yet");
     let mirror = element("[id='field-adjust.mirror']");
-    browser.click("adjust");
+    browser.click("Adjustments");
     browser.click_on(&mirror);
     browser.wait_for_text("4 settings are changed and not kept yet");
     browser.await_statuses(browser.statuses() + 1);
@@ -636,7 +672,7 @@ fn the_address_of_a_receiver_is_typed_and_sent_to() {
 fn what_cannot_be_kept_stays_in_its_field_and_says_why() {
     let Some((console, mut browser)) = open("links", DESK) else { return };
     let fps = element("[id='field-camera.fps']");
-    browser.click("camera");
+    browser.click("Camera");
     drop(console);
     browser.wait_for_text("The connection is lost");
     browser.fill(&fps, "50");
@@ -654,18 +690,18 @@ fn what_was_typed_is_there_when_its_page_was_left_and_comes_back() {
     let fps = element("[id='field-camera.fps']");
     browser.turn_to("health");
     browser.turn_to("links");
-    browser.click("camera");
+    browser.click("Camera");
     // The link takes the focus from the field. Going back, below, removes the field itself.
     browser.fill(&fps, "50");
     browser.turn_to("servos");
     browser.go_back();
-    browser.click("camera");
+    browser.click("Camera");
     browser.wait_until(&format!("{fps}.value === '50'"));
     browser.fill(&fps, "40");
     browser.go_back();
     browser.wait_until("location.hash === '#health'");
     browser.turn_to("links");
-    browser.click("camera");
+    browser.click("Camera");
     browser.wait_until(&format!("{fps}.value === '40'"));
     browser.screenshot("came back");
 }
@@ -686,7 +722,8 @@ fn the_numbers_and_lists_of_a_servo_keep_what_a_hand_puts_in_and_show_what_chang
     browser.await_statuses(browser.statuses() + 2);
     assert_eq!(shown(&mut browser, &loss), "release");
     // An end that the slider sets shows up in its field, unless somebody types there.
-    set_here(&mut browser, 0.75, "Set end 1 here", "3 settings are changed");
+    set_here(&mut browser, 0.75, "Set end 1 here", "pulse_at_1_us = 1700");
+    browser.wait_for_text("3 settings are changed");
     assert_eq!(shown(&mut browser, &end_1), "1700");
     let factor = labelled(card, "jawOpen times");
     browser.select_all(&factor);
@@ -900,7 +937,7 @@ fn settings_that_cannot_be_read_for_a_moment_come_back_by_themselves() {
 #[test]
 fn a_form_changes_a_setting_and_resets_it_and_an_earlier_version_comes_back() {
     let Some((console, mut browser)) = open("links", PHONE) else { return };
-    browser.click("camera");
+    browser.click("Camera");
     browser.fill(&element("[id='field-camera.fps']"), "50");
     browser.press("Enter");
     browser.click("Keep");
@@ -980,10 +1017,11 @@ fn the_picture_is_asked_for_again_when_it_is_drawn_and_not_while_the_page_shows_
     browser.screenshot("landmarks");
     browser.click("Allow the picture");
     browser.wait_for_text("The camera's picture can be seen here.");
+    browser.screenshot("a folded notice");
     assert!(console.settings().contains("[console]\npicture = true"), "{}", console.settings());
     console.service.until(|seen| seen.requests.iter().filter(|request| request["do"] == "picture").count() > 3);
     browser.wait_until("document.querySelector('.camera canvas').width === 1280");
-    browser.click("Health");
+    browser.turn_to("health");
     browser.wait_until("!document.querySelector('.camera')");
     // The picture that was under way is the last one.
     browser.value("fetch('api/1/status').then(() => fetch('api/1/status')).then(() => 1)");
@@ -999,7 +1037,14 @@ fn whoever_comes_from_elsewhere_sets_the_password_and_a_link_to_look_changes_not
     browser.open(&url(&console, address, "servos"));
     browser.wait_for_text("Nobody has set a password yet");
     browser.screenshot("first password");
-    browser.fill(&element("input"), "right horse");
+    browser.fill(&element("[name=password]"), "right horse");
+    browser.fill(&element("[name=again]"), "wrong horse");
+    browser.click("Set the password");
+    browser.wait_for_text("The two passwords differ");
+    browser.click_on(&element("[aria-label='Show: The same again']"));
+    browser.wait_until("document.querySelector('[name=again]').type === 'text'");
+    browser.fill(&element("[name=again]"), "right horse");
+    browser.screenshot("first password, shown");
     browser.click("Set the password");
     browser.wait_until("document.getElementById('stop')?.disabled === false");
     let token = console.post("tokens/look", &json!({})).json()["token"].as_str().unwrap().to_owned();
@@ -1029,4 +1074,179 @@ fn the_pages_know_each_pose_refusal_and_impairment_of_the_service() {
          [TAKES, REFUSALS, SENTENCES].map(Object.keys))",
     );
     assert_eq!(known, json!([takes, refusals, impairments]));
+}
+
+/// What a page says, in what is folded away, too.
+const TEXT: &str =
+    "[...document.querySelectorAll('header, #banners, main, aside')].map((part) => part.textContent).join(' ')";
+
+#[test]
+fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
+    let Some((console, mut browser)) = open("links", PHONE) else { return };
+    let link = |kind: &str, receiver: &str, open: bool, trouble: Option<&str>| json!({"name": format!("{kind} {receiver}"), "kind": kind, "open": open, "sent": 5, "dropped": 0, "trouble": trouble});
+    let waits = "auto: waits for a microcontroller board; none of a known maker is plugged in";
+    let fault =
+        "/dev/ttyUSB0: another program has it open; end that program (the service: `sudo systemctl stop facewire`)";
+    console.service.seen.lock().unwrap().more_links = vec![
+        link("udp", "127.0.0.1:5252", true, None),
+        link("vrchat", "head.local:9000", false, Some("head.local:9000: the host does not resolve")),
+        link("serial", "auto", false, Some(waits)),
+        link("bus-servo", "/dev/ttyUSB0", false, Some(fault)),
+    ];
+    browser.wait_for_text("Bus servos /dev/ttyUSB0");
+    let articles = "[...document.querySelectorAll('#page-links article')].map(({ innerText }) => innerText.split('\\n').filter((line) => line && !/^(rate|sent|dropped) /.test(line)).join('|'))";
+    assert_eq!(
+        browser.value(articles),
+        json!([
+            "Pololu Maestro /dev/ttyACM0 connected",
+            "facewire packets by UDP sending to 127.0.0.1:5252",
+            "VRChat head.local:9000 not sending|The host does not resolve.",
+            "Microcontroller waiting|Waits for a microcontroller board; none of a known maker is plugged in.",
+            "Bus servos /dev/ttyUSB0 not connected|Another program has it open; end that program.",
+        ])
+    );
+    let red = "[...document.querySelectorAll('#page-links article')].map((it) => it.querySelector('.state-bad, .trouble') !== null)";
+    assert_eq!(browser.value(red), json!([false, false, true, false, true]));
+    browser.screenshot("links on a phone");
+    browser.turn_to("health");
+    browser.wait_until("document.querySelector('#banners')?.innerText.includes('head.local')");
+    assert_eq!(browser.value("/waits|auto/i.test(document.getElementById('banners').textContent)"), false);
+    browser.click_on(&element("#banners summary"));
+    browser.wait_until("document.querySelector('#banners li')?.checkVisibility()");
+    browser.screenshot("unfolded notices");
+}
+
+#[test]
+fn no_page_shows_marks_of_code_or_commands_that_a_page_cannot_run() {
+    let Some((console, mut browser)) = open("links", DESK) else { return };
+    let trouble = "/dev/i2c-1: another program moves servos there; end that program, or stop the service with `systemctl stop facewire`";
+    console.service.seen.lock().unwrap().more_links =
+        vec![json!({"name": "pca9685 I2C bus 1, address 0x40", "kind": "pca9685",
+        "open": false, "sent": 0, "dropped": 0, "trouble": trouble})];
+    for page in PAGES {
+        turn_to(&mut browser, page);
+        if page == "health" {
+            browser.click("Check now");
+            browser.wait_until("document.querySelectorAll('.check-lines li').length > 2");
+        }
+        let shown = browser.value(TEXT).as_str().unwrap().to_owned();
+        let found: Vec<_> = ["`", "sudo ", "systemctl"].into_iter().filter(|word| shown.contains(word)).collect();
+        assert!(found.is_empty(), "{page} shows {found:?}: {shown}");
+    }
+    assert!(browser.value("document.querySelector('nav')").is_object());
+}
+
+#[test]
+fn a_link_that_is_removed_is_one_change_and_named_in_the_list() {
+    let settings = ["[[link]]\naddress = \"10.0.0.2:5252\"\n\n", SETTINGS].concat();
+    let Some((console, mut browser)) = open_in(Browser::start, &settings, "links", PHONE) else { return };
+    browser.click("Link 1: facewire packets by UDP");
+    browser.click("Remove this link");
+    browser.wait_for_text("1 setting is changed and not kept yet");
+    browser.click("Difference");
+    browser.wait_for_text("Link 1, facewire packets by UDP: removed");
+    browser.screenshot("a link that is removed");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    assert_eq!(console.settings().matches("[[link]]").count(), 1);
+}
+
+#[test]
+fn the_first_link_says_that_the_usual_ones_end_and_keeps_them_if_that_is_wanted() {
+    let Some((console, mut browser)) = open_in(Browser::start, "[camera]\nfps = 30\n", "links", PHONE) else { return };
+    browser.choose("document.querySelector('option[value=maestro]')?.parentElement", "maestro");
+    browser.click("Add");
+    browser.wait_for_text("facewire no longer sends to this machine (127.0.0.1:5252) or a microcontroller on USB");
+    browser.click("Difference");
+    browser.wait_for_text("The usual link to a microcontroller on USB: removed");
+    browser.screenshot("the usual links end");
+    browser.click("Keep sending there too");
+    browser.wait_until("!document.body.innerText.includes('no longer sends')");
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let kept = console.settings();
+    for line in ["address = \"127.0.0.1:5252\"", "device = \"auto\"\nkind = \"serial\""] {
+        assert!(kept.contains(line), "{line}: {kept}");
+    }
+}
+
+#[test]
+fn a_new_board_has_a_name_of_its_own_and_settings_lead_to_its_servos() {
+    let Some((_console, mut browser)) = open("links", PHONE) else { return };
+    let list = "document.querySelector('option[value=maestro]')?.parentElement";
+    for count in [2, 3] {
+        browser.choose(list, "maestro");
+        browser.click("Add");
+        browser.wait_until(&format!("document.querySelectorAll('details.link').length === {count}"));
+    }
+    browser.wait_for_text("A servo board has no channel yet");
+    browser.wait_for_text("This board has no servo yet.");
+    browser.screenshot("a new board");
+    browser.click("Set up its servos");
+    browser.wait_until("document.querySelectorAll('.board').length === 3");
+    let names = "[...document.querySelectorAll('.board')].map((board) => board.ariaLabel)";
+    assert_eq!(browser.value(names), json!(["maestro /dev/ttyACM0", "maestro (link 2)", "maestro (link 3)"]));
+    let titles = "[...document.querySelectorAll('.board h3')].map(({ innerText }) => innerText.trim())";
+    assert_eq!(browser.value(titles)[2], "Pololu Maestro (link 3, new)");
+}
+
+#[test]
+fn the_servos_of_a_head_are_added_by_one_click_and_seen_in_one_view() {
+    let Some((console, mut browser)) = open_in(Browser::start, "[[link]]\nkind = \"maestro\"\n", "servos", PHONE)
+    else {
+        return;
+    };
+    browser.click("Jaw");
+    browser.wait_for_text("Channel 0 (jaw)");
+    browser.click("Whole head");
+    browser.wait_until("document.querySelectorAll('.channel').length === 8");
+    let shown = "(({ top, bottom }) => bottom - top)(document.querySelector('.overview').getBoundingClientRect())";
+    assert!(browser.value(shown).as_f64() < Some(400.0), "they do not fit into one view");
+    let names = "[...document.querySelectorAll('.overview span')].map(({ innerText }) => innerText).join()";
+    let all = "jaw,eyes sideways,eyes up and down,left upper lid,right upper lid,neck turn,neck left,neck right";
+    assert_eq!(browser.value(names), all);
+    for (width, height) in [PHONE, DESK] {
+        browser.resize(width, height);
+        browser.value("document.querySelector('.board').scrollIntoView()");
+        browser.screenshot(&format!("a head at {width}"));
+    }
+    browser.click("neck right");
+    browser.wait_until(
+        "document.querySelector('[aria-label=\"Channel 7 (neck right)\"]').getBoundingClientRect().top < 900",
+    );
+    browser.click("Keep");
+    browser.wait_until("!document.getElementById('draft')");
+    let kept = console.settings();
+    assert_eq!((kept.matches("[[link.channel]]").count(), kept.matches("speed_per_s = 0.5").count()), (8, 8), "{kept}");
+}
+
+#[test]
+fn the_latency_has_three_curves_and_what_no_sensor_measures_has_no_chart() {
+    let Some((console, mut browser)) = open("health", PHONE) else { return };
+    browser.wait_until("document.querySelector('.charts .legend')");
+    let charts = "[...document.querySelectorAll('.charts figure')].map((it) => [it.querySelector('figcaption').innerText, \
+                  it.querySelectorAll('.legend li').length])";
+    let charts: Vec<(String, usize)> = serde_json::from_value(browser.value(charts)).unwrap();
+    let of = |title: &str| charts.iter().find(|(name, _)| name.starts_with(title)).map(|(_, curves)| *curves);
+    assert_eq!(of("Latency"), Some(3), "{charts:?}");
+    let is_measured = console.get("status").json()["board"]["temperature_c"].is_number();
+    assert_eq!(of("Temperature").is_some(), is_measured, "{charts:?}");
+    for (width, height) in [PHONE, DESK] {
+        browser.resize(width, height);
+        browser.value("document.querySelector('.charts').scrollIntoView()");
+        browser.screenshot(&format!("charts at {width}"));
+    }
+}
+
+#[test]
+fn servos_are_let_move_again_where_they_are_armed() {
+    let Some((console, mut browser)) = open("servos", PHONE) else { return };
+    browser.click("STOP");
+    browser.wait_for_text("All servos are released");
+    browser.screenshot("released, on Servos");
+    browser.click_on(
+        "[...document.querySelectorAll('#arming button')].find(({ innerText }) => innerText.startsWith('Let servos'))",
+    );
+    until_asked(&console, &json!({"do": "release", "on": false}));
+    browser.wait_until("!document.querySelector('.released')");
 }

@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::fs;
 use std::io::{self, BufRead as _, BufReader, ErrorKind, Write as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -11,6 +13,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 const SOCKET: &str = "control";
+/// The folder of the socket in a runtime directory.
+const FOLDER: &str = "facewire";
 /// Where the service manager puts the runtime directory of the service.
 pub const SYSTEM_FOLDER: &str = "/run/facewire";
 /// A service that sends no line for this long does not work.
@@ -403,13 +407,31 @@ pub fn sockets() -> Vec<PathBuf> {
     socket().into_iter().chain(of_system).collect()
 }
 
-/// Where a service listens: in the runtime directory of the service manager, or else of the user.
+/// Where a service listens: in the runtime directory of the service manager, or else of the user. Where neither is named, as after
+/// `su` or in a job of cron, in the folder of the user below `/run/user`, or else in [`SYSTEM_FOLDER`] for root.
 #[must_use]
 pub fn socket() -> Option<PathBuf> {
     let of_service = || std::env::var("RUNTIME_DIRECTORY").ok()?.split(':').next().map(PathBuf::from);
-    let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join("facewire"));
-    let folder = of_service().or_else(of_user).filter(|folder| folder.is_absolute())?;
+    let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join(FOLDER));
+    // The files of a process in /proc belong to its user.
+    let unnamed = || unnamed_folder(Path::new("/run"), fs::metadata("/proc/self").ok()?.uid());
+    let folder = of_service().or_else(of_user).or_else(unnamed).filter(|folder| folder.is_absolute())?;
     Some(folder.join(SOCKET))
+}
+
+/// The folder of this user below `run` for the socket of a service, if nobody else can put anything there.
+fn unnamed_folder(run: &Path, user: u32) -> Option<PathBuf> {
+    let of_user = run.join("user").join(user.to_string());
+    let is_private = |folder: &fs::Metadata| folder.is_dir() && folder.uid() == user && folder.mode() & 0o777 == 0o700;
+    if fs::symlink_metadata(&of_user).is_ok_and(|folder| is_private(&folder)) {
+        return Some(of_user.join(FOLDER));
+    }
+    let of_system = run.join(FOLDER);
+    let is_free = match fs::symlink_metadata(&of_system) {
+        Ok(folder) => is_private(&folder),
+        Err(error) => error.kind() == ErrorKind::NotFound,
+    };
+    (user == 0 && is_free).then_some(of_system)
 }
 
 /// A client of a service, which waits for what the service does.
@@ -483,6 +505,29 @@ mod tests {
         let json = |name: &str| format!("{name:?}");
         assert!(Take::ALL.iter().all(|take| serde_json::to_string(take).unwrap() == json(take.name())));
         assert!(Refusal::ALL.iter().all(|why| serde_json::to_string(why).unwrap() == json(why.name())));
+    }
+
+    #[test]
+    fn a_service_without_a_named_runtime_directory_listens_where_nobody_else_can_put_anything() {
+        use std::os::unix::fs::PermissionsExt as _;
+
+        let run = std::env::temp_dir().join(format!("facewire-run-{}", std::process::id()));
+        let mine = fs::metadata("/proc/self").unwrap().uid();
+        let of_user = run.join("user").join(mine.to_string());
+        fs::create_dir_all(&of_user).unwrap();
+        let found = |mode| {
+            fs::set_permissions(&of_user, fs::Permissions::from_mode(mode)).unwrap();
+            unnamed_folder(&run, mine)
+        };
+        assert_eq!(found(0o700), Some(of_user.join("facewire")));
+        // Others can enter it, so only root has another place.
+        let of_root = (mine == 0).then(|| run.join("facewire"));
+        assert_eq!(found(0o755), of_root);
+        fs::create_dir(run.join("facewire")).unwrap();
+        fs::set_permissions(run.join("facewire"), fs::Permissions::from_mode(0o710)).unwrap();
+        assert_eq!(found(0o755), None, "the folder of the service manager is its own");
+        assert_eq!(unnamed_folder(&run, mine + 1), None);
+        fs::remove_dir_all(run).unwrap();
     }
 
     #[test]

@@ -131,7 +131,10 @@ impl Server {
         peers: Peers,
     ) -> io::Result<(Self, PipeWriter)> {
         if path.is_none() {
-            tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
+            tracing::warn!(
+                "no control socket, so neither the console nor `facewire calibrate` can reach this service: set \
+                 XDG_RUNTIME_DIR to a folder that only this user can enter, for both of them, and start it again"
+            );
         }
         warn_of_picture(&settings.console);
         let (stop_signal, stop) = pipe()?;

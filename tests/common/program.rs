@@ -14,9 +14,11 @@ pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Comm
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
     command.args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");
     // Services that tests run side by side must not meet at one control socket, nor find the profiles of this machine.
-    for variable in ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR", "STATE_DIRECTORY"] {
+    for variable in ["RUNTIME_DIRECTORY", "STATE_DIRECTORY"] {
         command.env_remove(variable);
     }
+    // Without the variable, the folder of the user would do.
+    command.env("XDG_RUNTIME_DIR", "");
     command.env("XDG_STATE_HOME", concat!(env!("CARGO_TARGET_TMPDIR"), "/state"));
     command
 }
@@ -76,7 +78,9 @@ impl Run {
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
-        let sentences = self.err.lines().filter(|line| !line.contains(" INFO ")).map(named);
+        let sentences =
+            self.err.lines().filter(|line| ![" INFO ", "no control socket"].iter().any(|logged| line.contains(logged)));
+        let sentences = sentences.map(named);
         sentences.filter(|line| !line.contains(" frames, ")).collect()
     }
 

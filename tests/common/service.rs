@@ -63,6 +63,8 @@ impl Service {
         let settings = folder.path().join("facewire.toml");
         fs::write(&settings, [toml, &links].concat()).unwrap();
         let log = fs::File::options().append(true).create(true).open(folder.path().join("log")).unwrap();
+        // Services that tests run side by side must not meet at one control socket.
+        command.env_remove("RUNTIME_DIRECTORY").env("XDG_RUNTIME_DIR", "");
         command.args(["run", "--config", text(&settings)]).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(log);
         Self { child: prepare(&mut command).spawn().unwrap(), folder, links }
     }

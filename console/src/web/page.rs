@@ -23,7 +23,7 @@ const PARTS: &[Part] = parts! {
     "text/javascript; charset=utf-8":
         "app.js" "bars.js" "chart.js" "common.js" "draft.js" "drive.js" "fields.js" "hand.js" "health.js" "impaired.js"
         "learn.js" "links.js" "live.js" "login.js" "picture.js" "plot.js" "poses.js" "puppet.js" "recorder.js" "recordings.js"
-        "servos.js" "start.js" "status.js" "store.js" "stream.js" "wearer.js" "vendor/hooks.module.js" "vendor/htm.module.js"
+        "servos.js" "sets.js" "start.js" "status.js" "store.js" "stream.js" "wearer.js" "words.js" "vendor/hooks.module.js" "vendor/htm.module.js"
         "vendor/preact.js" "vendor/preact.module.js"
         "face/face.js" "face/form.js" "face/head.js" "face/maths.js" "face/morph.js" "face/parts.js" "face/shaders.js"
         "face/shapes-lower.js" "face/shapes-upper.js";

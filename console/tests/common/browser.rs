@@ -43,6 +43,8 @@ const PACE_MS: RangeInclusive<u64> = 60..=200;
 const STEPS_OF_A_DRAG: u32 = 5;
 /// The time from one look at the page to the next. To look at each picture would take a third of a processor for each page.
 const LOOK_MS: u64 = 50;
+/// How often a test looks whether a page has come before it clicks its link again.
+const LOOKS_AT_A_PAGE: u32 = 30;
 /// The width of a slider's thumb in Chromium. The middle of the thumb stays half this width away from both ends.
 const THUMB_PX: f64 = 16.0;
 
@@ -430,9 +432,11 @@ impl Browser {
     }
 
     /// Clicks what an expression finds, or taps it, once it is there, enabled, at rest, and not covered. If it has moved away before
-    /// the hand came down, the hand leaves what it came down on without a click, and tries again.
+    /// the hand came down, the hand leaves what it came down on without a click, and tries again. If it has moved away before the
+    /// hand was lifted, which may have clicked a link to another page, the browser goes back first.
     pub fn click_on(&mut self, find: &str) {
         let end = Instant::now() + self.patience;
+        let page = self.value("location.hash");
         loop {
             self.wait_until(&format!("{find} && !{find}.disabled"));
             let place = self.place(find);
@@ -446,6 +450,10 @@ impl Browser {
                 if self.value("hand.click") == true {
                     return;
                 }
+                if self.value("location.hash") != page {
+                    self.go_back();
+                    self.wait_until(&format!("location.hash === {page}"));
+                }
             }
             assert!(Instant::now() < end, "{find} moves away");
         }
@@ -454,8 +462,7 @@ impl Browser {
     /// Chooses an option of a list by the arrow keys.
     pub fn choose(&mut self, list: &str, value: &str) {
         self.wait_until(&format!("[...{list}.options].some((option) => option.value === {value:?})"));
-        self.click_on(list);
-        self.wait_until(&format!("{list}.matches(':open')"));
+        self.open_list(list);
         let steps = self.value(&format!(
             "[...{list}.options].findIndex((option) => option.value === {value:?}) - {list}.selectedIndex"
         ));
@@ -466,6 +473,21 @@ impl Browser {
         self.pause();
         self.press("Enter");
         self.wait_until(&format!("!{list}.matches(':open')"));
+    }
+
+    /// Clicks a list until it is open. It closes by itself when the page moves it.
+    fn open_list(&mut self, list: &str) {
+        let end = Instant::now() + self.patience;
+        loop {
+            self.click_on(list);
+            for _ in 0..LOOKS_AT_A_PAGE {
+                if self.value(&format!("{list}?.matches(':open')")) == true {
+                    return;
+                }
+                self.pause();
+            }
+            assert!(Instant::now() < end, "{list} does not open");
+        }
     }
 
     /// Takes hold of a slider and drags it to a value, without letting go. Returns the place for [`Self::let_go`].
@@ -531,8 +553,11 @@ impl Browser {
         }
     }
 
-    /// Arms the page unless it is armed.
+    /// Arms the page unless it is armed, on the page Servos.
     pub fn arm(&mut self) {
+        if self.value("location.hash") != "#servos" {
+            self.turn_to("servos");
+        }
         while !self.is_armed() {
             let answers = self.answers("servos/arm");
             self.click("Arm");
@@ -553,10 +578,27 @@ impl Browser {
         })
     }
 
-    /// Turns to another page by its link, and waits until it is there.
+    /// Turns to another page by its link, and waits until its heading is there. A page that is still being built may lose a click.
     pub fn turn_to(&mut self, page: &str) {
-        self.click_on(&element(&format!("nav a[href='#{page}']")));
-        self.wait_until(&format!("document.querySelector('nav [aria-current]').hash === '#{page}'"));
+        let heading = if page == "live" {
+            "!document.getElementById('stage').hidden".to_owned()
+        } else {
+            format!("document.querySelector('#page-{page} h2')?.checkVisibility()")
+        };
+        let is_there = format!(
+            "Boolean(location.hash === '#{page}' && document.querySelector('nav [aria-current]')?.hash === '#{page}' && {heading})"
+        );
+        let end = Instant::now() + self.patience;
+        loop {
+            self.click_on(&element(&format!("nav a[href='#{page}']")));
+            for _ in 0..LOOKS_AT_A_PAGE {
+                if self.value(&is_there) == true {
+                    return;
+                }
+                self.pause();
+            }
+            assert!(Instant::now() < end, "the page {page} does not come: {}", self.value("document.body.innerText"));
+        }
     }
 
     /// Goes back to what the browser showed before.

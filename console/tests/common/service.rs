@@ -32,9 +32,9 @@ case "$1 $2" in
     *bad*) echo 'facewire: /dev/stdin:2: camera.fps = "bad": give a whole number from 1 to 240 (1/s)' >&2; exit 78 ;;
     esac
     echo 'settings  ok' ;;
-"check --config") printf 'settings  ok\ncamera    POOR: too dark\n'; echo 'facewire: no network' >&2; exit 69 ;;
+"check --config") printf 'settings  ok\ncamera    POOR: too dark\n'; echo 'facewire: no network; end the other program (the service: `sudo systemctl stop facewire`)' >&2; exit 69 ;;
 "defaults --schema") echo '{"type":"object","properties":{"camera":{"type":"object","properties":{
-    "device":{"order":0,"type":"string","default":"auto","description":"The camera."},
+    "device":{"order":0,"type":"string","default":"auto","description":"The camera: `facewire devices` lists them (`systemctl enable --now facewire-camera`)."},
     "fps":{"order":1,"type":"integer","minimum":1,"maximum":240,"unit":"1/s","default":30,"description":"Frame rate."},
     "format":{"order":2,"type":"string","enum":["auto","yuyv","mjpeg"],"default":"auto"}}},
     "adjust":{"type":"object","properties":{"mirror":{"type":"boolean","default":false}}},
@@ -68,6 +68,8 @@ pub struct Seen {
     pub is_stuck: bool,
     /// What the servo at channel 3 tells of itself besides.
     pub health: Value,
+    /// The links besides the servo board.
+    pub more_links: Vec<Value>,
     /// The connection of the client that drives, and how many lines had come before it.
     driver: Option<(UnixStream, usize)>,
 }
@@ -146,8 +148,9 @@ fn status(seen: &Seen) -> Value {
     let link = json!({"name": "maestro /dev/ttyACM0", "kind": "maestro", "open": true, "sent": 100, "dropped": 0,
         "trouble": null, "stop": "no pulses", "released": is_off, "channels": [channel(0), channel(3)]});
     let is_driven = seen.driver.is_some();
+    let links: Vec<&Value> = [&link].into_iter().chain(&seen.more_links).collect();
     json!({"status": {"version": "0.1.0", "metrics": metrics, "wearer": "anna", "released": is_released, "driven": is_driven,
-        "settings_refused": seen.refusal.filter(|(refused, _)| *refused == "reload").map(|(_, why)| why), "links": [link]}})
+        "settings_refused": seen.refusal.filter(|(refused, _)| *refused == "reload").map(|(_, why)| why), "links": links}})
 }
 
 fn serve(mut stream: UnixStream, seen: &Mutex<Seen>, pose: &Mutex<Packet>) -> Option<()> {

@@ -35,7 +35,8 @@ pub struct Args {
     /// UDP or a serial line
     #[arg(long, value_name = "FILE", conflicts_with_all = ["udp", "serial"])]
     pub config: Option<PathBuf>,
-    /// Control socket of the service [default: facewire/control in $XDG_RUNTIME_DIR, or else /run/facewire/control]
+    /// Control socket of the service [default: facewire/control in $XDG_RUNTIME_DIR or /run/user/UID, or else
+    /// /run/facewire/control]
     #[arg(long, value_name = "SOCKET", requires = "config")]
     pub control: Option<PathBuf>,
     /// Folder for the password, former settings and recordings [default: $STATE_DIRECTORY, or else facewire-console in

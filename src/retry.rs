@@ -27,11 +27,8 @@ impl BackOff {
         self.wait()
     }
 
-    /// As [`BackOff::wait_after`], but the waits grow up to [`RARE_WAIT`].
-    pub fn wait_longer_after(&mut self, lasted: Duration) -> Duration {
-        if has_lasted(lasted) {
-            *self = Self::default();
-        }
+    /// As [`BackOff::wait`], but the waits grow up to [`RARE_WAIT`].
+    pub fn wait_longer(&mut self) -> Duration {
         self.wait_up_to(RARE_WAIT)
     }
 
@@ -111,10 +108,9 @@ mod tests {
         assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
         assert_eq!(wait_ms(999), 1000, "a glimpse");
         assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
-        let mut rare_ms = |lasted_ms| back_off.wait_longer_after(Duration::from_millis(lasted_ms)).as_millis();
-        assert_eq!([0; 7].map(&mut rare_ms), [400, 800, 1600, 3200, 5000, 5000, 5000]);
-        assert_eq!([2000, 0].map(&mut rare_ms), [100, 200]);
-        assert_eq!(back_off.wait().as_millis(), 400);
+        let rare_ms = [(); 6].map(|()| back_off.wait_longer().as_millis());
+        assert_eq!(rare_ms, [400, 800, 1600, 3200, 5000, 5000]);
+        assert_eq!(back_off.wait().as_millis(), 1000);
     }
 
     #[test]

@@ -316,7 +316,11 @@ fn a_camera_that_has_just_appeared_is_tried_until_it_has_its_group_and_only_then
     for device in ["auto", "/dev/video0"] {
         let machine = Cameras::one(&refused);
         let (service, receiver) = machine.serve(&settings_for(device));
-        service.await_log("/dev/video0 has just appeared, and has no permissions yet; wait some seconds");
+        // A service that starts late finds a node that is new, too.
+        eventually("a node that has just appeared", || {
+            machine.plug(0, &refused);
+            service.log().contains("/dev/video0 has just appeared, and has no permissions yet; wait some seconds")
+        });
         machine.change(0, &Camera { is_new: true, ..Camera::default() });
         receiver.until(IS_NO_FACE);
         assert_eq!(service.logged("add the user to the group"), 0, "{device}: {}", service.log());
@@ -326,7 +330,7 @@ fn a_camera_that_has_just_appeared_is_tried_until_it_has_its_group_and_only_then
 }
 
 #[test]
-fn a_camera_whose_picture_stands_still_is_none_and_is_opened_again_ever_more_rarely_until_the_picture_moves() {
+fn a_camera_whose_picture_stands_still_counts_as_none_and_is_opened_again_once_until_the_picture_moves() {
     let machine = Cameras::with(&[]);
     let moving = machine.show_clip(Camera { formats: &["MJPG"], ..Camera::default() });
     let still = Camera { frames: machine.film("still", &clip_jpegs(1)), ..moving.clone() };
@@ -334,13 +338,14 @@ fn a_camera_whose_picture_stands_still_is_none_and_is_opened_again_ever_more_rar
     receiver.live();
     machine.change(0, &still);
     receiver.until(IS_NO_CAMERA);
-    service.await_log(
-        "camera lost: 8 frames in a row were bad (the last: it shows the same picture as for a second before",
-    );
     receiver.until_state(State::Neutral);
+    service.await_log("frames in a row were bad (the last: it shows the same picture as for a second before");
     receiver.rest();
-    let before = machine.called(0, "STREAMON");
-    eventually("another attempt", || machine.called(0, "STREAMON") >= before + 2);
+    service.await_log("tracking is impaired: the picture does not change at all");
+    eventually("it is opened again", || counted(&service.status(), "cameras_opened") == 2);
+    let frames = counted(&service.status(), "frames");
+    eventually("frames that stand still", || counted(&service.status(), "frames") > frames + 60);
+    assert!(service.status().contains("impaired_by=frozen-picture"), "{}", service.status());
     assert!(
         receiver.rest().iter().all(|packet| packet.state == State::Neutral),
         "a picture that stood still was shown"

@@ -55,9 +55,10 @@ impairments! {
     MissingFrames = "missing-frames",
         "frames get lost or damaged between camera and board: give the camera a USB port of its own instead of a hub, use a \
          short cable, set camera.format = \"mjpeg\", or choose a smaller picture";
-    /// Not of a camera, which is closed and opened again then, but of a program that makes the pictures.
+    /// That of a camera counts as none. That of a program may be a photo.
     FrozenPicture = "frozen-picture",
-        "the picture does not change at all: if it is not a photo, look after the program that sends it";
+        "the picture does not change at all: open the shutter of the camera, add light, or unplug it and plug it in again; if a \
+         program sends the picture, look after that program";
     Undervoltage = "undervoltage",
         "the supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable";
     /// The board has reduced its clock rate, or is about to.

@@ -580,12 +580,12 @@ fn a_flood_of_connections_cuts_no_login_off() {
 fn a_disk_that_takes_its_time_holds_up_no_release() {
     let console = Console::start(SETTINGS);
     let body = json!({"text": SETTINGS.replace("30", "60"), "base": hash_of(&console)});
-    let Some(mut tracer) = inject(console.viewer.pid(), "fsync", "fsync:delay_enter=1000000") else { return };
+    let Some(mut tracer) = inject(console.viewer.pid(), "fsync", "fsync:delay_enter=5000000:when=1") else { return };
     thread::scope(|scope| {
         let kept = scope.spawn(|| console.post("settings/keep", &body));
         let temporary = console.folder.path().join("state/settings");
         let is_there = || fs::read_dir(&temporary).is_ok_and(|mut files| files.next().is_some());
-        while !kept.is_finished() && !is_there() {}
+        eventually("a file that is being written", || kept.is_finished() || is_there());
         assert_eq!(console.post("servos/release", &json!({"on": true})).status, 200);
         console.service.until(|seen| seen.requests.iter().any(|request| request["do"] == "release"));
         assert_eq!(console.settings(), SETTINGS, "the disk was not slow");

@@ -146,7 +146,7 @@ pub enum FrameFault {
     /// The JPEG data is corrupt, or has more scans than that of a camera.
     #[error("its JPEG data is corrupt")]
     Corrupt,
-    /// No sensor sends the same picture twice.
+    /// The noise of a sensor makes two pictures differ.
     #[error("it shows the same picture as for a second before, byte for byte")]
     Repeated,
 }
@@ -162,7 +162,7 @@ impl FrameFault {
                 "its driver delivers empty buffers: set another camera.format or size, or check the program that feeds it"
             }
             Self::Repeated => {
-                "open its shutter, switch on what is connected to it, or unplug the camera and plug it in again"
+                "open its shutter, switch on a light and what is connected to it, or unplug the camera and plug it in again"
             }
             Self::TooLarge | Self::WrongSize { .. } | Self::Unsupported(_) => "set another camera.format or size",
         }

@@ -131,7 +131,7 @@ mod tests {
         use_it(proven, 30);
         let failed = failed();
         assert!(failed.contains(&young.to_owned()) && !failed.contains(&proven.to_owned()));
-        assert!(Live::new(young, 1).repeats.is_frozen(&[7; 100], 0));
+        assert!(Live::new(young, 1).repeats.is_frozen(&[7; 100], 0), "the picture is remembered");
         assert!(!Live::new(young, 1).repeats.is_frozen(&[8; 100], 0));
     }
 }

@@ -177,8 +177,10 @@ pub struct Tally {
     /// Bytes of a file that stood between its frames and do not belong there.
     pub stray_bytes: u64,
     pub decoding: Duration,
-    /// Whether the last frame shows the same picture as all those of the last second, and may: a program has sent it.
+    /// Whether the last frame shows the same picture as all those of the last second.
     pub is_frozen: bool,
+    /// Whether the picture stands still because the camera hangs or shows nothing. What a program sends may be a photo.
+    pub is_hung: bool,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,
 }

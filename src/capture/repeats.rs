@@ -1,7 +1,8 @@
 //! Notices a picture that is sent again and again, byte for byte, although the camera's clock goes on.
 //!
-//! Sensors have noise, so that two frames of a camera differ somewhere. A camera whose frames are the same for a second hangs, or
-//! shows a picture of its own, such as that of a closed shutter. What a program shows may well stand still: a photo, for instance.
+//! Sensors have noise, so that two frames of a camera nearly always differ somewhere. A camera whose frames are the same for a
+//! second hangs, its shutter is closed, or it shows a picture of its own. What a program shows may well stand still: a photo, for
+//! instance.
 //!
 //! Contract: one look at a few hundred bytes of a frame that differs from the one before. Nothing allocates.
 
@@ -11,6 +12,10 @@ const SAMPLE_BYTES: usize = 8;
 /// A picture stands still if it was the same for so many frames and for so long.
 const LEAST_FRAMES: u32 = 8;
 const LEAST_US: u64 = 1_000_000;
+/// A camera whose picture has stood still for this long is opened again, once for each such picture.
+const REOPEN_AFTER_US: u64 = 5_000_000;
+/// After this many frames that move, the picture at which the camera hung before is forgotten.
+const FORGET_AFTER_FRAMES: u32 = 300;
 
 /// Compares each frame of a camera with the one before.
 #[derive(Debug, Default)]
@@ -22,21 +27,24 @@ pub(super) struct Repeats {
     /// How many frames in a row were the same as the one before, and since when.
     count: u32,
     since_us: u64,
-    /// The picture that stands still.
-    frozen: Option<u64>,
+    /// Whether the picture stands still, for how long it is known to, and the number of frames since it last did.
+    is_frozen: bool,
+    still_us: u64,
+    moving: u32,
+    /// The picture that stood still when the camera was open before. It counts at once, and is no reason to open it again.
+    remembered: Option<u64>,
 }
 
 impl Repeats {
-    /// `frozen` is the picture that stood still when the camera was open before. It must have changed to count as a new one.
-    pub(super) fn new(frozen: Option<u64>) -> Self {
-        Self { frozen, ..Self::default() }
+    pub(super) fn new(remembered: Option<u64>) -> Self {
+        Self { remembered, ..Self::default() }
     }
 
     /// Takes a frame. Returns whether its picture stands still.
     pub(super) fn is_frozen(&mut self, frame: &[u8], now_us: u64) -> bool {
         let sample = sample(frame);
         let may_be_same = std::mem::replace(&mut self.sample, sample) == sample;
-        let whole = (may_be_same || self.frozen.is_some()).then(|| hash(frame));
+        let whole = (may_be_same || self.remembered.is_some()).then(|| hash(frame));
         let is_same = whole.is_some() && whole == self.whole;
         self.whole = whole;
         if is_same {
@@ -45,21 +53,36 @@ impl Repeats {
             self.count = 0;
             self.since_us = now_us;
         }
-        let stands_still = self.count >= LEAST_FRAMES && now_us.saturating_sub(self.since_us) >= LEAST_US;
-        if stands_still || self.frozen != whole {
-            self.frozen = whole.filter(|_| stands_still);
+        self.still_us = now_us.saturating_sub(self.since_us);
+        let stands_still = self.count >= LEAST_FRAMES && self.still_us >= LEAST_US;
+        self.is_frozen = stands_still || self.is_remembered();
+        self.moving = if self.is_frozen { 0 } else { self.moving.saturating_add(1) };
+        if self.moving >= FORGET_AFTER_FRAMES {
+            self.remembered = None;
         }
-        self.frozen.is_some()
+        self.is_frozen
     }
 
+    fn is_remembered(&self) -> bool {
+        self.whole.is_some() && self.whole == self.remembered
+    }
+
+    /// Returns for how many frames the picture has stood still if opening the camera again may help.
+    pub(super) fn asks_to_reopen(&self) -> Option<u32> {
+        let is_new = self.is_frozen && !self.is_remembered() && self.still_us >= REOPEN_AFTER_US;
+        is_new.then_some(self.count)
+    }
+
+    /// The picture that stands still, or that did so before.
     pub(super) fn frozen(&self) -> Option<u64> {
-        self.frozen
+        self.whole.filter(|_| self.is_frozen).or(self.remembered)
     }
 }
 
 /// A hash of the length of a frame and of its bytes at some places.
 fn sample(frame: &[u8]) -> u64 {
-    let step = (frame.len() / SAMPLES).max(SAMPLE_BYTES);
+    // An odd step does not stay in a few columns of the picture.
+    let step = (frame.len() / SAMPLES).max(SAMPLE_BYTES) | 1;
     let samples = frame.chunks(step).filter_map(|part| part.first_chunk());
     samples.fold(frame.len() as u64, |hash, bytes| mix(hash, *bytes))
 }
@@ -114,11 +137,24 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_at_which_a_camera_hung_is_known_at_once_after_the_camera_was_opened_again_and_no_other_is() {
+    fn a_picture_asks_once_to_open_the_camera_again_and_is_known_at_once_afterwards_until_others_have_moved_for_300_frames()
+     {
         let mut repeats = Repeats::default();
-        frozen(&mut repeats, vec![frame(1); 60], PERIOD_US);
+        frozen(&mut repeats, vec![frame(1); 151], PERIOD_US);
+        assert_eq!(repeats.asks_to_reopen(), None, "it has stood still for less than 5 seconds");
+        repeats.is_frozen(&frame(1), 151 * PERIOD_US);
+        assert_eq!(repeats.asks_to_reopen(), Some(150));
         let mut again = Repeats::new(repeats.frozen());
-        assert_eq!(frozen(&mut again, [1, 1, 2, 1, 3].map(frame), PERIOD_US), [0, 1]);
-        assert_eq!(again.frozen(), None);
+        let begin_of_stream = [5, 6, 7, 1, 1].map(frame);
+        assert_eq!(frozen(&mut again, begin_of_stream, PERIOD_US), [3, 4]);
+        frozen(&mut again, vec![frame(1); 300], PERIOD_US);
+        assert_eq!(again.asks_to_reopen(), None, "opening it again has not helped");
+        let moving = |repeats: &mut Repeats, frames| {
+            frozen(repeats, (0..frames).map(|number| frame(2 + number as u8 % 2)), PERIOD_US)
+        };
+        assert!(moving(&mut again, 299).is_empty());
+        assert!(again.is_frozen(&frame(1), 0));
+        assert!(moving(&mut again, 300).is_empty());
+        assert!(!again.is_frozen(&frame(1), 0) && again.frozen().is_none());
     }
 }

@@ -106,6 +106,8 @@ pub(super) struct HotLoop {
     /// When a way that was found to be better is tried again.
     confirm_mount_us: u64,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
+    /// Whether the camera's picture stands still, as of the last frame.
+    is_hung: bool,
     rehearsed: ImpairmentSet,
 }
 
@@ -120,7 +122,7 @@ fn is_recoverable(error: &ServiceError) -> bool {
     }
 }
 
-/// Whether the camera hangs, or its shutter is closed, which may be so for days.
+/// Whether the camera hangs, or its shutter is closed. Opening it again may help, but not at once if it has not helped before.
 fn is_of_a_frozen_picture(error: &ServiceError) -> bool {
     matches!(error, ServiceError::Camera(CaptureError::AllDamaged { fault: FrameFault::Repeated, .. }))
 }
@@ -154,6 +156,7 @@ impl HotLoop {
             mount: None,
             confirm_mount_us: 0,
             counters,
+            is_hung: false,
             rehearsed: ImpairmentSet::default(),
         }
     }
@@ -176,8 +179,7 @@ impl HotLoop {
                 Err(error) => self.tell(Event::Blind("camera lost", error.to_string())),
             }
             self.enter(OPEN_PATIENCE_US);
-            let lasted = lasted.unwrap_or_default();
-            let wait = if is_frozen { back_off.wait_longer_after(lasted) } else { back_off.wait_after(lasted) };
+            let wait = if is_frozen { back_off.wait_longer() } else { back_off.wait_after(lasted.unwrap_or_default()) };
             if !self.counters.stopping() {
                 thread::park_timeout(wait);
             }
@@ -203,6 +205,7 @@ impl HotLoop {
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
         self.counters.impairments.set(Impairment::FrozenPicture, false);
+        self.is_hung = false;
         camera.source.close()?;
         outcome
     }
@@ -269,6 +272,7 @@ impl HotLoop {
             self.tell(Event::FalseClock);
         }
         self.counters.impairments.set(Impairment::FrozenPicture, tally.is_frozen);
+        self.is_hung = tally.is_hung;
         self.timing.decoded(tally.decoding);
         self.outlets.loads.write(self.timing.load());
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
@@ -277,7 +281,9 @@ impl HotLoop {
 
     fn frame(&mut self, frame: &Frame) -> Result<(), ServiceError> {
         let begun_us = self.enter(WORK_PATIENCE_US);
-        let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, .. } = self else { return Ok(()) };
+        let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, is_hung, .. } = self else {
+            return Ok(());
+        };
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
         add(&counters.frames, 1);
@@ -291,7 +297,9 @@ impl HotLoop {
             Err(_) => &counters.rejected,
         };
         add(counter, 1);
-        outlets.report(processed.pose().map(|pose| (pose, frame.captured_us)));
+        // A camera that hangs shows where the face was.
+        let pose = if *is_hung { Err(Reason::NoCamera) } else { processed.pose() };
+        outlets.report(pose.map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
         watch.frame(frame, processed.face, counters.has_proposed_rotation());

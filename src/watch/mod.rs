@@ -160,7 +160,7 @@ impl Watch {
         let small = of_face(|face| poor_if_low(face.size_px, SIZE_PX).max(poor_if_low(face.size, SIZE)));
         let cut_off = of_face(|face| poor_if_high(face.cut_off, CUT_OFF));
         let doubtful = match [dark, backlit, small, cut_off].into_iter().max() {
-            _ if is_turned => POOR,
+            _ if is_turned && look.face.is_some() => POOR,
             // That may be why.
             Some(POOR | BETWEEN) => UNKNOWN,
             _ => of_face(|face| poor_if_low(face.score, SCORE).max(poor_if_high(face.roll_deg.abs(), ROLL_DEG))),

@@ -6,6 +6,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::termios::tcgetwinsize;
+
 /// Time between two lines.
 const PERIOD: Duration = Duration::from_millis(200);
 /// Moves to the first column and clears the line.
@@ -79,9 +82,15 @@ impl ProgressLine {
             return;
         }
         self.drawn = Some(Instant::now());
+        if !is_writable() {
+            return;
+        }
         let share = share.map_or_else(String::new, |share| in_words(share, self.begun.elapsed()));
+        // A longer line would leave its beginning behind.
+        let columns = tcgetwinsize(io::stderr()).map_or(80, |size| usize::from(size.ws_col));
+        let line: String = format!("{share}{text}").chars().take(columns.saturating_sub(1)).collect();
         // A terminal that has gone shows nothing.
-        let _ = write!(io::stderr(), "{CLEAR}{share}{text}");
+        let _ = write!(io::stderr(), "{CLEAR}{line}");
     }
 }
 
@@ -91,6 +100,14 @@ impl Drop for ProgressLine {
             let _ = write!(io::stderr(), "{CLEAR}");
         }
     }
+}
+
+/// Whether the terminal takes a line now. One that somebody has stopped must not hold up the work.
+fn is_writable() -> bool {
+    let stderr = io::stderr();
+    let mut polled = [PollFd::new(&stderr, PollFlags::OUT)];
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut polled, Some(&now)).is_ok_and(|ready| ready > 0)
 }
 
 /// Percent and the time that is left, after this time.

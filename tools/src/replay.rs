@@ -56,8 +56,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
             frame = reader.next_frame().map_err(refuse)?;
         }
         frames += u64::from(frame.is_some());
-        progress
-            .draw(read.share(), format_args!("{frames} frames, {} since the start", clock(begun.elapsed().as_secs())));
+        // What is repeated has no end.
+        let share = read.share().filter(|_| !args.repeat);
+        progress.draw(share, format_args!("{frames} frames, {} since the start", clock(begun.elapsed().as_secs())));
         Ok::<_, Failure>(frame)
     })?;
     drop(progress);

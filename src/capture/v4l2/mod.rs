@@ -140,9 +140,10 @@ impl CameraSource {
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
             let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                self.live.tally.is_frozen = is_frozen && self.is_virtual;
-                if is_frozen && !self.is_virtual {
-                    return Err(CaptureError::Frame { number, fault: FrameFault::Repeated });
+                self.live.tally.is_frozen = is_frozen;
+                self.live.tally.is_hung = is_frozen && !self.is_virtual;
+                if let Some(count) = self.live.repeats.asks_to_reopen().filter(|_| !self.is_virtual) {
+                    return Err(CaptureError::AllDamaged { count, fault: FrameFault::Repeated });
                 }
                 let begun = Instant::now();
                 let kept = frame.and_then(|frame| self.store.keep(frame));
@@ -219,16 +220,19 @@ impl Source for CameraSource {
     }
 }
 
-/// Asks the driver for a format with whole pictures: progressive ones, or else those whose rows are of two moments in turn.
+/// Asks the driver for a format with whole pictures: as it is wont to send them, or else those whose rows are of two moments in
+/// turn.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
     let ask = |field_order| {
         let [width, height] = choice.size;
         let wanted = Format { field_order, ..Format::new(width, height, FourCC::new(&choice.format.fourcc)) };
         device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))
     };
-    let mut set = ask(FieldOrder::Progressive)?;
-    if lacks_rows(&set) {
-        set = ask(FieldOrder::Interlaced)?;
+    let mut set = ask(FieldOrder::Any)?;
+    if lacks_rows(&set)
+        && let Ok(whole) = ask(FieldOrder::Interlaced)
+    {
+        set = whole;
     }
     let unusable = |fault: String, remedy| CaptureError::Unusable(format!("{} {fault}; {remedy}", path.display()));
     let Format { fourcc, width, height, field_order, .. } = set;

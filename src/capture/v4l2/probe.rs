@@ -7,6 +7,7 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once, PoisonError};
+use std::time::{Duration, Instant};
 
 use facewire_board::links_to;
 use v4l::capability::{Capabilities, Flags};
@@ -105,11 +106,15 @@ pub fn cameras() -> Found {
     found
 }
 
-/// What a node was found to be.
+/// A node is opened again after this time even if it has not changed: some drivers are set up late.
+const KNOWN_FOR: Duration = Duration::from_mins(1);
+
+/// What a node was found to be, and when.
 struct Known {
     node: PathBuf,
     state: NodeState,
     kind: Kind,
+    examined: Instant,
 }
 
 #[derive(Clone)]
@@ -146,13 +151,19 @@ fn examine(node: &Path, known: &mut Vec<Known>) -> Result<Camera, CaptureError> 
         return Err(CaptureError::not_a_camera(&node.display()));
     }
     let state = NodeState::of(node);
-    if let Some(before) = known.iter().find(|before| before.node == node && Some(&before.state) == state.as_ref()) {
+    let is_valid = |before: &Known| Some(&before.state) == state.as_ref() && before.examined.elapsed() < KNOWN_FOR;
+    if let Some(before) = known.iter().find(|before| before.node == node && is_valid(before)) {
         return before.kind.clone().at(node);
     }
     let examined = probe(node).map(|(camera, _)| camera);
     known.retain(|before| before.node != node);
     let kind = Kind::of(&examined).filter(|_| has_hardware(node));
-    known.extend(state.zip(kind).map(|(state, kind)| Known { node: node.to_owned(), state, kind }));
+    known.extend(state.zip(kind).map(|(state, kind)| Known {
+        node: node.to_owned(),
+        state,
+        kind,
+        examined: Instant::now(),
+    }));
     examined
 }
 

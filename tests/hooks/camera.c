@@ -717,7 +717,9 @@ static int call(struct camera *camera, uint32_t request, void *argument)
 {
     pthread_mutex_lock(&lock);
     look(camera);
-    advance(camera);
+    /* The buffers that a program gives back are no longer mapped. */
+    if (request != VIDIOC_REQBUFS)
+        advance(camera);
     int error = is_gone(camera) ? ENODEV : answer(camera, request, argument);
     pthread_mutex_unlock(&lock);
     errno = error ? error : errno;

@@ -200,6 +200,8 @@ mod tests {
         {
             let operator = Arc::<Operator>::default();
             let dials = Arc::new(Dials::new(&channels, &operator));
+            // The driver wants the servos that it does not jog to follow the face.
+            dials.keep_still(false);
             let mut values = Values::new(&channels, Encoding::Bits16, at_stop, &dials);
             let mut now = Instant::now();
             let mut shown = |is_released| {

@@ -140,10 +140,10 @@ mod tests {
     fn a_picture_asks_once_to_open_the_camera_again_and_is_known_at_once_afterwards_until_others_have_moved_for_300_frames()
      {
         let mut repeats = Repeats::default();
-        frozen(&mut repeats, vec![frame(1); 151], PERIOD_US);
+        frozen(&mut repeats, vec![frame(1); 152], PERIOD_US);
         assert_eq!(repeats.asks_to_reopen(), None, "it has stood still for less than 5 seconds");
-        repeats.is_frozen(&frame(1), 151 * PERIOD_US);
-        assert_eq!(repeats.asks_to_reopen(), Some(150));
+        repeats.is_frozen(&frame(1), 152 * PERIOD_US);
+        assert_eq!(repeats.asks_to_reopen(), Some(151));
         let mut again = Repeats::new(repeats.frozen());
         let begin_of_stream = [5, 6, 7, 1, 1].map(frame);
         assert_eq!(frozen(&mut again, begin_of_stream, PERIOD_US), [3, 4]);

@@ -52,13 +52,29 @@ def switch(d, x, y):
     d.dot(x + 22, y, 6, "red")
 
 
-def supply(d, x, y, volts):
+def supply(d, x, y):
     """Draws the supply of the servos, with plus at y + 34 and minus at y + 104 of its right edge."""
     d.box(x, y, 190, 138)
-    d.lines_of_text(x + 16, y + 38, ["Servo supply", volts], bold=True)
+    d.lines_of_text(x + 16, y + 38, ["Servo supply", "5 to 6 V"], bold=True)
     d.label(x + 16, y + 112, "not the Pi's", "grey")
     d.badge(x + 190, y + 34, "+", "red")
     d.badge(x + 190, y + 104, "−", "ink")
+
+
+def connected_supply(d, y, board_y, pads):
+    """Draws the supply at the left, its switch and its capacitor, and its wires to two pads above, given by place and name."""
+    (plus_x, _), (minus_x, _) = pads
+    plus_y, minus_y = y + 34, y + 104
+    d.wire([(214, plus_y), (plus_x, plus_y), (plus_x, board_y + 16)], "red", 5)
+    d.wire([(214, minus_y), (minus_x, minus_y), (minus_x, board_y + 16)], "ink", 5)
+    capacitor(d, plus_x - 48, plus_y, minus_y)
+    switch(d, plus_x - 112, plus_y)
+    supply(d, 24, y)
+    for (x, name), colour in zip(pads, ("red", "ink")):
+        d.box(x - 10, board_y, 20, 20, colour, colour, corner=3)
+        d.label(x, board_y - 10, name, colour, "middle", bold=True)
+    d.label(plus_x - 112, y, "switch", "ink", "middle", SMALL)
+    d.label(plus_x - 48, y + 132, "1000 µF or more", "ink", "middle", SMALL)
 
 
 def legend(d, y, entries):
@@ -110,17 +126,7 @@ def pca9685():
         servo(d, 606, y - 24)
     d.label(545, 222, "…", "ink", "middle")
     d.lines_of_text(590, 312, ["up to", "16 servos"], "grey", size=SMALL)
-    # The supply.
-    d.wire([(214, 544), (448, 544), (448, 420)], "red", 5)
-    d.wire([(214, 614), (528, 614), (528, 420)], "ink", 5)
-    capacitor(d, 400, 544, 614)
-    switch(d, 300, 544)
-    supply(d, 24, 510, "5 to 6 V")
-    for x, name, colour in ((448, "V+", "red"), (528, "GND", "ink")):
-        d.box(x - 10, 404, 20, 20, colour, colour, corner=3)
-        d.label(x, 394, name, colour, "middle")
-    d.label(300, 510, "switch", "ink", "middle", SMALL)
-    d.label(400, 642, "1000 µF or more", "ink", "middle", SMALL)
+    connected_supply(d, 510, 404, ((448, "V+"), (528, "GND")))
     d.lines_of_text(548, 530, ["All grounds", "are joined."], bold=True)
     legend(d, 690, (("red", "servo supply"), ("ink", "ground"), ("blue", "data"), ("green", "3.3 V")))
     return d
@@ -155,16 +161,7 @@ def maestro():
     d.label(515, 288, "…", "ink", "middle")
     d.label(640, 392, "brown or black", "ink", "middle", SMALL)
     d.label(640, 416, "is ground", "ink", "middle", SMALL)
-    d.wire([(214, 474), (390, 474), (390, 400)], "red", 5)
-    d.wire([(214, 544), (470, 544), (470, 400)], "ink", 5)
-    capacitor(d, 340, 474, 544)
-    switch(d, 270, 474)
-    supply(d, 24, 440, "5 to 6 V")
-    for x, name, colour in ((390, "+", "red"), (470, "−", "ink")):
-        d.box(x - 10, 384, 20, 20, colour, colour, corner=3)
-        d.label(x, 374, name, colour, "middle", bold=True)
-    d.label(270, 440, "switch", "ink", "middle", SMALL)
-    d.label(340, 572, "1000 µF or more", "ink", "middle", SMALL)
+    connected_supply(d, 440, 384, ((390, "+"), (470, "−")))
     d.lines_of_text(500, 480, ["The Maestro joins", "the supply's ground", "with that of USB."], size=SMALL)
     legend(d, 612, (("red", "servo supply"), ("ink", "ground"), ("amber", "pulses"), ("blue", "USB")))
     return d

@@ -177,12 +177,20 @@ pub struct Tally {
     /// Bytes of a file that stood between its frames and do not belong there.
     pub stray_bytes: u64,
     pub decoding: Duration,
-    /// Whether the last frame shows the same picture as all those of the last second.
-    pub is_frozen: bool,
-    /// Whether the picture stands still because the camera hangs or shows nothing. What a program sends may be a photo.
-    pub is_hung: bool,
+    pub motion: Motion,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,
+}
+
+/// Whether the picture of a camera or a program changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Motion {
+    #[default]
+    Moving,
+    /// The last frame shows the same picture as all those of the last second. What a program sends may be a photo.
+    Frozen,
+    /// The same, and the camera hangs or shows nothing: its sensor would have noise.
+    Hung,
 }
 
 /// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.

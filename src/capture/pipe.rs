@@ -27,7 +27,7 @@ use super::delivery::{Arrival, Delivery};
 use super::jpeg::{END_OF_IMAGE, START_OF_IMAGE, image_length, image_size};
 use super::live::Live;
 use super::v4l2::Wish;
-use super::{CaptureError, Content, Description, Frame, FrameFault, JpegDecoder, Source, Tally};
+use super::{CaptureError, Content, Description, Frame, FrameFault, JpegDecoder, Motion, Source, Tally};
 use crate::clock::monotonic_us;
 
 /// Where `facewire-camera.service` writes the pictures of a Raspberry Pi's camera module.
@@ -198,7 +198,8 @@ impl PipeSource {
         }
         let [from, to] = place;
         let image = self.buffer.get(from..to).unwrap_or_default();
-        self.live.tally.is_frozen = self.live.repeats.is_frozen(image, captured_us);
+        let is_frozen = self.live.repeats.is_frozen(image, captured_us);
+        self.live.tally.motion = if is_frozen { Motion::Frozen } else { Motion::Moving };
         let begun = Instant::now();
         let kept = self.decoder.decode(image);
         self.live.tally.decoding += begun.elapsed();

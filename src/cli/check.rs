@@ -7,7 +7,7 @@ use facewire_face::{Camera, Landmarks, Rotation, Tracker};
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Store, WearerName};
-use crate::capture::{Clip, Frame, Source as _};
+use crate::capture::{Clip, Frame, Motion, Source as _};
 use crate::clock::monotonic_us;
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::link::{Link, notes};
@@ -139,7 +139,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     let mut delivered = None;
     let mut last_look = None;
     let mut face_px = None;
-    let mut is_frozen = false;
+    let mut motion = Motion::Moving;
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
         if let Some(frame) = camera.next()? {
@@ -148,7 +148,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
             face_px = last_look.and_then(|look| look.face).map(|face| face.size_px).or(face_px);
         }
         camera.check()?;
-        is_frozen = camera.source.take_tally().is_frozen;
+        motion = camera.source.take_tally().motion;
         delivered = watch.deliveries(&mut *camera.source).or(delivered);
     }
     let turned = tracker.as_deref_mut().map(|tracker| try_mount(&mut camera, tracker)).transpose()?.flatten();
@@ -170,7 +170,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         found += &format!("; the face stands upright with another mount: set camera.rotation = {degrees}");
     }
     let mut impairments = watch.present();
-    impairments.set(Impairment::FrozenPicture, is_frozen);
+    impairments.set(Impairment::FrozenPicture, motion != Motion::Moving);
     Ok((found, impairments))
 }
 

@@ -22,7 +22,7 @@ use super::realtime::{self, Grant};
 use super::timing::{FrameTiming, between};
 use super::{Loader, ServiceError};
 use crate::calibration::Observation;
-use crate::capture::{CaptureError, Frame, FrameFault, Source};
+use crate::capture::{CaptureError, Frame, FrameFault, Motion, Source};
 use crate::clock::monotonic_us;
 use crate::config::{NetworkSettings, Settings};
 use crate::pipeline::{self, Pipeline, Rejected, SetupError};
@@ -105,9 +105,9 @@ pub(super) struct HotLoop {
     mount: Option<MountTrial>,
     /// When a way that was found to be better is tried again.
     confirm_mount_us: u64,
+    /// What the camera's picture did at the last frame.
+    motion: Motion,
     /// The impairments that a rehearsal has asked for, so that they are cleared when it no longer does.
-    /// Whether the camera's picture stands still, as of the last frame.
-    is_hung: bool,
     rehearsed: ImpairmentSet,
 }
 
@@ -156,7 +156,7 @@ impl HotLoop {
             mount: None,
             confirm_mount_us: 0,
             counters,
-            is_hung: false,
+            motion: Motion::Moving,
             rehearsed: ImpairmentSet::default(),
         }
     }
@@ -205,7 +205,7 @@ impl HotLoop {
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
         self.counters.impairments.set(Impairment::FrozenPicture, false);
-        self.is_hung = false;
+        self.motion = Motion::Moving;
         camera.source.close()?;
         outcome
     }
@@ -271,8 +271,8 @@ impl HotLoop {
         if tally.has_false_clock && !std::mem::replace(&mut self.has_false_clock, true) {
             self.tell(Event::FalseClock);
         }
-        self.counters.impairments.set(Impairment::FrozenPicture, tally.is_frozen);
-        self.is_hung = tally.is_hung;
+        self.counters.impairments.set(Impairment::FrozenPicture, tally.motion != Motion::Moving);
+        self.motion = tally.motion;
         self.timing.decoded(tally.decoding);
         self.outlets.loads.write(self.timing.load());
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
@@ -281,7 +281,7 @@ impl HotLoop {
 
     fn frame(&mut self, frame: &Frame) -> Result<(), ServiceError> {
         let begun_us = self.enter(WORK_PATIENCE_US);
-        let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, is_hung, .. } = self else {
+        let Self { pipeline: Some(pipeline), counters, outlets, timing, watch, motion, .. } = self else {
             return Ok(());
         };
         let processed = pipeline.process(frame);
@@ -298,7 +298,7 @@ impl HotLoop {
         };
         add(counter, 1);
         // A camera that hangs shows where the face was.
-        let pose = if *is_hung { Err(Reason::NoCamera) } else { processed.pose() };
+        let pose = if *motion == Motion::Hung { Err(Reason::NoCamera) } else { processed.pose() };
         outlets.report(pose.map(|pose| (pose, frame.captured_us)));
         // The result is on its way to the receivers, so measuring does not delay it.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);

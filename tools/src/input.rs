@@ -48,7 +48,8 @@ pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Re
     let cannot = |error| CaptureError::unopened(input, &error);
     let file = File::open(input).map_err(cannot)?;
     let read = ShareRead::of(file.metadata().map_err(cannot)?.len());
-    let mut reader = BufReader::with_capacity(BUFFER_BYTES, read.count(file));
+    // A counter within the buffered reader would let it clear its buffer before each read.
+    let mut reader = read.count(BufReader::with_capacity(BUFFER_BYTES, file));
     if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
         return Ok(Input { source: Box::new(FaceSource::points(reader, input, rate, points_size_px)?), read });
     }

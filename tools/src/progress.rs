@@ -1,7 +1,7 @@
 //! How far long work has come: a line on a terminal that is drawn anew.
 
 use std::fmt::Display;
-use std::io::{self, IsTerminal as _, Read, Write as _};
+use std::io::{self, BufRead, IsTerminal as _, Read, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -40,7 +40,7 @@ impl ShareRead {
     }
 }
 
-/// A reader that counts the bytes that were read.
+/// A reader that counts the bytes that were taken from it.
 pub struct Counted<R> {
     input: R,
     read_bytes: Arc<AtomicU64>,
@@ -51,6 +51,17 @@ impl<R: Read> Read for Counted<R> {
         let length = self.input.read(bytes)?;
         self.read_bytes.fetch_add(length as u64, Relaxed);
         Ok(length)
+    }
+}
+
+impl<R: BufRead> BufRead for Counted<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.input.fill_buf()
+    }
+
+    fn consume(&mut self, length: usize) {
+        self.read_bytes.fetch_add(length as u64, Relaxed);
+        self.input.consume(length);
     }
 }
 
@@ -133,8 +144,10 @@ mod tests {
     fn the_share_of_a_file_and_the_time_that_is_left_follow_what_was_read() {
         let share = ShareRead::of(400);
         let mut input = share.count(&[0; 400][..]);
-        assert_eq!(share.share(), Some(0.0));
-        input.read_exact(&mut [0; 100]).unwrap();
+        assert_eq!(input.fill_buf().unwrap().len(), 400);
+        assert_eq!(share.share(), Some(0.0), "bytes count when they are taken");
+        input.read_exact(&mut [0; 60]).unwrap();
+        input.consume(40);
         assert_eq!(share.share(), Some(0.25));
         assert_eq!(in_words(0.25, Duration::from_secs(30)), " 25 %, 1:30 left, ");
         assert_eq!(in_words(0.01, Duration::from_secs(30)), "  1 %, ");

@@ -254,12 +254,7 @@ impl Track<'_> {
         self.damaged += u64::from(face.fault.is_some());
         self.fault = face.fault.or(self.fault);
         self.is_readable |= face.fault.is_none();
-        let summary = self.summary();
-        match self.progress.as_mut().filter(|progress| progress.is_shown()) {
-            Some(progress) => progress.draw(self.read.share(), summary),
-            None if self.frames.is_multiple_of(PROGRESS_FRAMES) => say(summary),
-            None => {}
-        }
+        self.report_progress();
         let mut pose = shown.pose;
         if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.args.stage) {
             let is_raw = self.args.stage == Stage::Raw;
@@ -274,6 +269,18 @@ impl Track<'_> {
         let row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
         self.write_row(face.number, face.time_us, &row)?;
         Ok(row)
+    }
+
+    fn report_progress(&mut self) {
+        let is_shown = self.progress.as_ref().is_some_and(ProgressLine::is_shown);
+        if !is_shown && !self.frames.is_multiple_of(PROGRESS_FRAMES) {
+            return;
+        }
+        let summary = self.summary();
+        match &mut self.progress {
+            Some(progress) if is_shown => progress.draw(self.read.share(), summary),
+            _ => say(summary),
+        }
     }
 
     fn write_row(&mut self, number: u64, time_us: u64, row: &str) -> Result<(), Failure> {

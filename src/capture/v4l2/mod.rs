@@ -40,7 +40,7 @@ use self::select::start_one;
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
 use super::delivery::Arrival;
 use super::live::Live;
-use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally};
+use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Motion, Source, Tally};
 use crate::clock::monotonic_us;
 
 /// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
@@ -140,8 +140,11 @@ impl CameraSource {
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
             let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                self.live.tally.is_frozen = is_frozen;
-                self.live.tally.is_hung = is_frozen && !self.is_virtual;
+                self.live.tally.motion = match is_frozen {
+                    false => Motion::Moving,
+                    true if self.is_virtual => Motion::Frozen,
+                    true => Motion::Hung,
+                };
                 if let Some(count) = self.live.repeats.asks_to_reopen().filter(|_| !self.is_virtual) {
                     return Err(CaptureError::AllDamaged { count, fault: FrameFault::Repeated });
                 }
@@ -220,8 +223,7 @@ impl Source for CameraSource {
     }
 }
 
-/// Asks the driver for a format with whole pictures: as it is wont to send them, or else those whose rows are of two moments in
-/// turn.
+/// Asks the driver for a format with whole pictures: in its usual order of fields, or else with rows of two moments in turn.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
     let ask = |field_order| {
         let [width, height] = choice.size;

@@ -53,9 +53,9 @@ register() { i2cget -y "$bus" 0x40 "$1"; }
 # has NUMBER VALUE: this register has this value
 has() { [ "$(register "$1")" = "$2" ]; }
 
-# film_without_a_face FILE: makes a Motion-JPEG film of a grey wall, whose brightness changes: a camera that sends the same
-# picture again and again counts as none. Frames without a face need the detector alone and
-# change the packets' reason at once, so tests of cameras and ports do not wait for landmarks.
+# film_without_a_face FILE: makes a Motion-JPEG film of a grey wall. Its brightness changes, because a camera that sends the same
+# picture again and again counts as none. Frames without a face need the detector alone and change the packets' reason at once,
+# so tests of cameras and ports do not wait for landmarks.
 film_without_a_face() {
     ffmpeg -nostdin -v error -f lavfi -i "nullsrc=size=640x480:rate=30,geq=lum=120+2*N:cb=128:cr=128" -frames:v 8 \
         -pix_fmt yuvj422p -c:v mjpeg "$1"

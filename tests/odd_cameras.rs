@@ -733,7 +733,7 @@ fn a_stream_through_a_named_pipe_is_a_camera_that_comes_back_with_its_writer() {
     service.await_log(&format!("camera opened: {}: JPEG 640x480", pipe.display()));
     feed.end();
     receiver.until(IS_NO_CAMERA);
-    service.await_log("video has no writer any more; start the program that writes JPEG images to it");
+    service.await_log("video has no writer any more; start the program that writes pictures to it");
     let again = Feed::start(&pipe);
     receiver.live();
     assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());

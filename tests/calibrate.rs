@@ -65,7 +65,7 @@ fn wearers_are_checked_listed_and_deleted_without_a_service() {
     for (wearer, told) in [
         ("anna", "ok: anna, 2 of 11 takes"),
         ("bert", "facewire calibrate --wearer bert"),
-        ("", "ok: nobody's profile"),
+        ("", "ok: no profile is in use"),
     ] {
         let file = settings(&folders.settings("demo", wearer));
         let out = Run::of(&mut facewire(["check", "--config", text(file.path())])).out;

@@ -62,7 +62,7 @@ fn check_says_of_every_part_that_it_works() {
     let parts: Vec<&str> = out.lines().collect();
     let [settings, model, wearer, networks, camera, board, .., link] = parts.as_slice() else { panic!("{out}") };
     assert_eq!([*settings, *model], ["settings  ok", "model     ok: the built-in one"]);
-    assert!(wearer.starts_with("wearer    ok: nobody's profile"), "{wearer}");
+    assert!(wearer.starts_with("wearer    ok: no profile is in use"), "{wearer}");
     assert_eq!(*networks, "networks  ok: they find the face of the built-in clip");
     assert!(camera.starts_with("camera    ok: demo: MJPEG 640x480 at 30 fps; brightness 13"), "{camera}");
     assert!(camera.contains(" of 255; a face of 2"), "{camera}");

@@ -58,7 +58,7 @@ impairments! {
     /// That of a camera counts as none. That of a program may be a photo.
     FrozenPicture = "frozen-picture",
         "the picture does not change at all: open the shutter of the camera, add light, or unplug it and plug it in again; if a \
-         program sends the picture, look after that program";
+         program sends the picture, restart that program";
     Undervoltage = "undervoltage",
         "the supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable";
     /// The board has reduced its clock rate, or is about to.

@@ -115,7 +115,7 @@ struct facewire_face {
   float gaze_yaw_pitch_deg[2];
   // The neutral face from which coefficients are measured: 0 the mean of many people, 1 estimated, 2 calibrated.
   uint32_t neutral;
-  // How surely the network sees a face: its log-odds, 17 to 30 for one in view. Below 15 the face is doubtful.
+  // How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
   float score;
   // x, y and z of the landmarks in pixels of the picture.
   float landmarks[FACEWIRE_LANDMARKS][3];

@@ -115,7 +115,7 @@ pub struct Face {
     pub gaze_yaw_pitch_deg: [f32; 2],
     /// The neutral face from which coefficients are measured: 0 the mean of many people, 1 estimated, 2 calibrated.
     pub neutral: u32,
-    /// How surely the network sees a face: its log-odds, 17 to 30 for one in view. Below 15 the face is doubtful.
+    /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
     pub score: f32,
     /// x, y and z of the landmarks in pixels of the picture.
     pub landmarks: [[f32; 3]; FACEWIRE_LANDMARKS],

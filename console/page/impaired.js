@@ -9,7 +9,7 @@ export const SENTENCES = {
   "doubtful-face": "The face is hardly recognised or lies on its side: uncover it and look at the camera. If the camera is mounted on its side or upside down, turn its picture in the settings.",
   "halved-rate": "The camera delivers about half its frame rate or less, as many do to expose longer: add light.",
   "missing-frames": "Frames get lost between camera and board: use a USB port of its own and a short cable, or choose a smaller picture.",
-  "frozen-picture": "The picture does not change at all: open the shutter of the camera, add light, or unplug it and plug it in again. If a program sends the picture, look after that program.",
+  "frozen-picture": "The picture does not change at all: open the shutter of the camera, add light, or unplug it and plug it in again. If a program sends the picture, restart that program.",
   "undervoltage": "The supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable.",
   "hot": "The board is so hot that it slows down: add a heat sink or a fan, or let air reach it.",
   "slow-governor": "A processor saves power and so runs slower than it could: set its governor to schedutil.",

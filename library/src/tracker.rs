@@ -31,7 +31,7 @@ pub struct Face {
     pub gaze: Gaze,
     /// The neutral face from which the coefficients are measured.
     pub neutral: NeutralFace,
-    /// How surely the network sees a face: the log-odds that it computes, from 0 on. It is 17 to 30 for a face in view. Below 15
+    /// How surely the network sees a face: the log-odds that it computes, from 0 on. It is about 25 for a face in view. Below 15
     /// the face is doubtful, for instance because its upper half is covered, and its coefficients may be wrong.
     pub score: f32,
 }

@@ -79,7 +79,7 @@ impl Face {
         }
     }
 
-    /// How surely the network sees a face: its log-odds, 17 to 30 for one in view. Below 15 the face is doubtful.
+    /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
     #[getter]
     fn score(&self) -> f32 {
         self.found.score

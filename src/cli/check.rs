@@ -99,7 +99,11 @@ fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     let mut clip = Clip::once()?;
     let frame = clip.next()?.ok_or_else(|| Failure::data("the built-in clip is empty".to_owned()))?;
     let found = find(Some(&mut tracker), &mut StageTimes::default(), &frame)?;
-    let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
+    let none = || {
+        Failure::failed(
+            "they find no face in the built-in clip: install facewire again, or run scripts/setup".to_owned(),
+        )
+    };
     let landmarks = found.ok_or_else(none)?.landmarks.clone();
     tracker.forget();
     Ok((tracker, (landmarks, frame.size_px())))
@@ -108,7 +112,7 @@ fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
 fn check_wearer(settings: &Settings) -> Result<String, Failure> {
     let store = Store::new(&settings.wearer.folder);
     let Some(name) = WearerName::new(&settings.wearer.name) else {
-        return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
+        return Ok("no profile is in use: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
     let warning = model_warning(&name, file.model, &settings.solver).map(|warning| format!("; {warning}"));
@@ -167,7 +171,7 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
     }
     if let Some(rotation) = turned.filter(|rotation| *rotation != settings.rotation) {
         let degrees = rotation.degrees();
-        found += &format!("; the face stands upright with another mount: set camera.rotation = {degrees}");
+        found += &format!("; the face stands upright with another rotation: set camera.rotation = {degrees}");
     }
     let mut impairments = watch.present();
     impairments.set(Impairment::FrozenPicture, motion != Motion::Moving);

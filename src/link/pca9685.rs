@@ -126,7 +126,7 @@ impl Device for Chip {
     fn log_opened(&mut self, bus: &Bus) {
         if self.has_external_clock {
             tracing::warn!(
-                "link {}: another program has told the chip to go by a clock at its pin EXTCLK; if nothing is connected \
+                "link {}: another program has set the chip to use a clock at its pin EXTCLK; if nothing is connected \
                  there, it makes no pulses: cut the chip's power for a moment",
                 bus.name
             );

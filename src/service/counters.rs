@@ -274,7 +274,7 @@ impl Counters {
                 = (format!("neutral_share={share:.2}"), vec![("", share.into())]);
             counter "neutral_forgotten" "" "How often the estimated neutral face was forgotten because another person sat down."
                 = count("neutral_forgotten", &self.neutral_forgotten);
-            gauge "face_score" "" "How surely the mesh network sees a face: log-odds, 17 to 30 for one in view; 0 without a face."
+            gauge "face_score" "" "How surely the mesh network sees a face: log-odds, about 25 for one in view; 0 without a face."
                 = (format!("face_score={face_score:.1}"), vec![("", face_score.into())]);
             gauge "proposed_rotation" "degrees" "1 for the camera.rotation that shows the face upright, if it is not set."
                 = present("proposed_rotation", ["0", "90", "180", "270"], |at| at + 1 == proposed_rotation);

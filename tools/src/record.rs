@@ -103,7 +103,9 @@ fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) 
     let [service, disk] = [&lost.service, &lost.disk].map(|lost| lost.load(Relaxed));
     if service + disk > 0 {
         let remedy = "end other programs, or record to a faster disk";
-        say(format_args!("{service} frames were lost in the service and {disk} before the disk: {remedy}"));
+        say(format_args!(
+            "{service} frames were lost in the service, and {disk} because the disk was too slow: {remedy}"
+        ));
     }
     outcome
 }

@@ -65,7 +65,7 @@ pub struct Appearance {
     pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
     /// What the network of the eyes gives.
     pub eyes: EyeValues,
-    /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are 17 to 30 for a face in view, and
+    /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are about 25 for a face in view, and
     /// mostly below 15 for one that is upside down or whose eyes are covered.
     pub score: f32,
 }

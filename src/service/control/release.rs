@@ -86,7 +86,9 @@ fn outcome(
     let not_kept = match is_kept {
         Some(Ok(Ok(()))) => None,
         Some(Ok(Err(trouble)) | Err(trouble)) => Some(trouble.clone()),
-        None => Some("The disk has not yet kept this for the next start of the service".to_owned()),
+        None => {
+            Some("The disk has not kept this yet; if the service is restarted now, servos may move again".to_owned())
+        }
     };
     if !missed.is_empty() {
         let named = missed.iter().map(|panel| match panel.trouble() {
@@ -110,7 +112,7 @@ fn outcome(
     }
     done.extend(silent.iter().map(|panel| {
         let effect = panel.kind.at_stop().unwrap_or_default();
-        format!("{}: {effect}; it cannot confirm that", panel.name())
+        format!("{}: {effect}; the board cannot confirm it", panel.name())
     }));
     done.extend(not_kept);
     Reply::Done(done.join(". "))

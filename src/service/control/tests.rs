@@ -268,7 +268,7 @@ fn a_release_names_boards_that_have_not_acknowledged_it_and_those_that_cannot() 
     away.dials.note_released(true);
     let Some(Reply::Done(done)) = rig.release() else { panic!("both have acknowledged it") };
     assert!(done.starts_with("servos get no pulses. artnet 127.0.0.1:9, universe 0"), "{done}");
-    assert!(done.ends_with(": they hold their last values, with power; it cannot confirm that"), "{done}");
+    assert!(done.ends_with(": they hold their last values, with power; the board cannot confirm it"), "{done}");
 }
 
 #[test]

@@ -31,7 +31,7 @@ systemctl daemon-reload
 
 : >$work/refused
 start_decoder
-systemctl enable --now facewire-camera 2>$work/said || fail "$(cat $work/said)"
+systemctl enable --now facewire-camera 2>$work/said || fail "$(journalctl --unit facewire-camera --output cat)"
 # The pipe of another size does not stay.
 pipe=/run/facewire-camera/video-320x240.yu12
 mkfifo /run/facewire-camera/video-640x480.yu12

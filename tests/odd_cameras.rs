@@ -25,6 +25,7 @@ use facewire_face::stages::{Block, Border, CropShape, crop};
 use facewire_packet::{Packet, Reason, State, yaw_pitch_roll_deg};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::io::Errno;
+use serde_json::Value;
 use v4l::format::Quantization;
 use v4l::{Format, FourCC};
 
@@ -417,6 +418,10 @@ fn a_camera_module_whose_service_gives_no_picture_is_tried_after_the_other_camer
     eventually("the camera", || service.logged("camera opened: Simulated camera (/dev/video0") == 2);
     machine.unplug(0);
     service.await_log("camera opened: /run/facewire-camera/video: JPEG 640x480");
+    let listed = machine.run(&["devices"]).succeeded().out;
+    assert!(listed.starts_with("camera /run/facewire-camera/video \"Camera module of a Raspberry Pi\""), "{listed}");
+    let listed: Value = serde_json::from_str(&machine.run(&["devices", "--json"]).succeeded().out).unwrap();
+    assert_eq!(listed["cameras"][0]["path"], "/run/facewire-camera/video");
 }
 
 #[test]
@@ -733,7 +738,7 @@ fn a_stream_through_a_named_pipe_is_a_camera_that_comes_back_with_its_writer() {
     service.await_log(&format!("camera opened: {}: JPEG 640x480", pipe.display()));
     feed.end();
     receiver.until(IS_NO_CAMERA);
-    service.await_log("video has no writer any more; start the program that writes pictures to it");
+    service.await_log("video has no writer any more; start the program that writes JPEG images to it");
     let again = Feed::start(&pipe);
     receiver.live();
     assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());

@@ -78,9 +78,7 @@ fn go_to(browser: &mut Browser, page: &str, text: &str) {
 /// Keeps the changed settings, once they have no fault.
 fn keep(browser: &mut Browser) {
     browser.wait_until("!document.querySelector('#draft .trouble')");
-    // Another button begins with this word.
-    let buttons = "[...document.querySelectorAll('#draft button:enabled')]";
-    browser.click_on(&format!("{buttons}.find((button) => button.textContent.trim() === 'Keep')"));
+    browser.click("Keep");
     browser.wait_until("!document.querySelector('#draft')");
 }
 

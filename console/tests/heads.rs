@@ -7,6 +7,7 @@ mod common;
 
 use std::{
     env, fs,
+    io::Write as _,
     net::{IpAddr, UdpSocket},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
@@ -20,6 +21,7 @@ use common::{
     browser::{Browser, control, element, labelled, or_arm},
     command, eventually,
     maestro::{Maestro, Model},
+    python_with,
     service::elsewhere,
     skip,
 };
@@ -266,6 +268,66 @@ impl Drop for Head {
             eprintln!("{}", fs::read_to_string(self.folder.path().join("log")).unwrap_or_default());
         }
     }
+}
+
+/// What other people's programs find in this many datagrams of a kind that come to the socket, as JSON.
+fn decoded(python: &Path, kind: &str, socket: &UdpSocket, count: usize) -> String {
+    let mut lines = String::new();
+    for _ in 0..count {
+        let mut datagram = [0; 2048];
+        let length = socket.recv(&mut datagram).unwrap();
+        let digits: String = datagram[..length].iter().map(|byte| format!("{byte:02x}")).collect();
+        lines += &format!("{kind} {digits}\n");
+    }
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/receivers.py");
+    let mut decoder = Command::new(python).arg(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    decoder.stdin.take().unwrap().write_all(lines.as_bytes()).unwrap();
+    String::from_utf8(decoder.wait_with_output().unwrap().stdout).unwrap()
+}
+
+#[test]
+fn the_first_page_leads_from_settings_without_a_link_to_a_face_in_unreal_and_in_vrchat() {
+    let Some(python) = python_with("venv-tests", "pythonosc, pylivelinkface") else {
+        skip("there is no python-osc or PyLiveLinkFace: run scripts/setup tests");
+        return;
+    };
+    let Some(mut head) = Head::with(DESK, "[camera]\ndevice = \"demo\"\n") else { return };
+    let [unreal, vrchat] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    for socket in [&unreal, &vrchat] {
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+    }
+    head.browser.turn_to("start");
+    head.browser.wait_for_text("Which camera?");
+    head.browser.screenshot("first 1 camera");
+    head.browser.click("Next");
+    head.browser.wait_for_text("Yes: the face is followed.");
+    head.browser.screenshot("first 2 face");
+    head.browser.click("Next");
+    for (title, socket) in [("Unreal (Live Link)", &unreal), ("VRChat", &vrchat)] {
+        let program =
+            format!("[...document.querySelectorAll('details')].find((one) => one.innerText.startsWith('{title}'))");
+        head.browser.click_on(&format!("{program}?.querySelector('summary')"));
+        head.browser.fill(&format!("{program}.querySelector('input')"), &socket.local_addr().unwrap().to_string());
+        head.browser.screenshot(&format!("first 3 {title}"));
+        head.browser.click_on(&format!("{program}.querySelector('button')"));
+        head.browser.wait_for_text(&format!("{title} {}", socket.local_addr().unwrap()));
+    }
+    head.keep();
+    head.browser.click("Next");
+    head.browser.wait_for_text("Open and close your mouth");
+    head.browser.wait_until("document.querySelectorAll('.list li').length === 2");
+    head.browser.screenshot("first 4 sent");
+
+    // The clip opens its mouth and shuts it again.
+    let mut jaws: Vec<f64> = Vec::new();
+    eventually("a mouth that opens", || {
+        let faces = decoded(&python, "live-link", &unreal, 60);
+        let faces = faces.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        jaws.extend(faces.filter_map(|face| face["values"]["JawOpen"].as_f64()));
+        jaws.iter().any(|jaw| *jaw > 0.5) && jaws.iter().any(|jaw| *jaw < 0.2)
+    });
+    let bundles = decoded(&python, "osc", &vrchat, 30);
+    assert!(bundles.contains("/avatar/parameters/v2/JawOpen"), "{bundles}");
 }
 
 #[test]

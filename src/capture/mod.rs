@@ -31,7 +31,8 @@ use std::time::Duration;
 use facewire_face::{Camera, Face, Picture};
 
 use self::live::{failed, remember};
-use self::pipe::{PipeSource, is_pipe, module_pipe};
+pub use self::pipe::module_pipe;
+use self::pipe::{PipeSource, is_pipe};
 use self::rehearsal::Rehearsal;
 use self::v4l2::{AUTO, CameraSource, Wish};
 use crate::config::Script;
@@ -51,23 +52,23 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
     }
 }
 
-/// Opens the camera module of a Raspberry Pi if there is one, or else another camera. The module is tried last if it failed before, because it
+/// Opens the camera module of a Raspberry Pi if its service runs, or else another camera. The module is tried last if it failed before, because it
 /// takes seconds to see that its service does not work.
 fn open_module_or_camera(wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     let open_camera =
         || CameraSource::open(AUTO, wish, timeout).map(|camera| Box::new(camera) as Box<dyn Source + Send>);
     let Some(module) = module_pipe() else { return open_camera() };
-    let has_failed = failed().iter().any(|path| path == Path::new(&module));
+    let has_failed = failed().iter().any(|path| path == Path::new(module));
     let earlier = has_failed.then(open_camera);
     let is_final = |outcome: &Result<_, CaptureError>| matches!(outcome, Ok(_) | Err(CaptureError::NotStopped { .. }));
     if let Some(outcome) = earlier.filter(is_final) {
         return outcome;
     }
-    let error = match PipeSource::open(&module, wish, timeout) {
+    let error = match PipeSource::open(module, wish, timeout) {
         Ok(source) => return Ok(Box::new(source)),
         Err(error) => error,
     };
-    remember(Path::new(&module), true);
+    remember(Path::new(module), true);
     if has_failed {
         return Err(error);
     }

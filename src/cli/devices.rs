@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print, say};
+use crate::capture::module_pipe;
 use crate::capture::v4l2::{Camera, Found, cameras};
 use crate::link::{lost, open_port, serial_ports};
 use facewire_board::{Attached, attached, links_to};
@@ -15,6 +16,9 @@ use facewire_servo::bus::{Protocol, find};
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
+
+const MODULE_NAME: &str = "Camera module of a Raspberry Pi";
+const MODULE_UNIT: &str = "facewire-camera.service";
 
 /// The baud rates that servos have, most frequent first.
 const SCANNED_BAUDS: [u32; 3] = [1_000_000, 57_600, 115_200];
@@ -41,7 +45,8 @@ pub fn run(as_json: bool) -> Result<(), Failure> {
         return print(&format!("{:#}\n", listed(&found, &ports)));
     }
     let mut text: String = found.cameras.iter().map(camera_lines).collect();
-    if found.cameras.is_empty() {
+    text.extend(module_pipe().map(|path| format!("camera {path} \"{MODULE_NAME}\" ({MODULE_UNIT})\n")));
+    if text.is_empty() {
         text += "no camera\n";
     }
     text.extend(found.multi_planar.iter().map(|unread| format!("not read: {unread}\n")));
@@ -80,7 +85,9 @@ fn listed(found: &Found, ports: &[Port]) -> Value {
             "modes": modes,
         })
     };
-    let cameras: Vec<Value> = found.cameras.iter().map(camera).collect();
+    let module =
+        |path| json!({ "path": path, "stable_paths": [], "name": MODULE_NAME, "driver": MODULE_UNIT, "modes": [] });
+    let cameras: Vec<Value> = found.cameras.iter().map(camera).chain(module_pipe().map(module)).collect();
     let not_examined: Vec<String> = found.multi_planar.iter().chain(&found.refused).map(ToString::to_string).collect();
     // What is connected to a bus is not asked: some chips take any question for a command.
     let buses: Vec<u32> = (0..256).filter(|bus| Path::new(&format!("/dev/i2c-{bus}")).exists()).collect();

@@ -13,15 +13,16 @@ pub mod networks;
 pub mod points;
 pub mod ports;
 pub mod program;
+mod python;
 pub mod service;
 mod skip;
 pub mod slew;
 pub mod stuck;
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 pub use eventually::{PATIENCE, eventually};
+pub use python::python_with;
 pub use skip::skip;
 
 pub fn project(path: &str) -> PathBuf {
@@ -32,13 +33,4 @@ pub fn project(path: &str) -> PathBuf {
 pub fn shared() -> Option<PathBuf> {
     let folder = std::env::var_os("FACEWIRE_SHARED").map_or_else(|| project("../shared"), PathBuf::from);
     folder.join("golden").is_dir().then_some(folder)
-}
-
-/// Returns the Python of this virtual environment, made by `scripts/setup`, or `None` if it cannot import this module.
-pub fn python_with(environment: &str, module: &str) -> Option<PathBuf> {
-    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
-    let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
-    let python = cache.join("facewire").join(environment).join("bin/python");
-    let imported = Command::new(&python).args(["-c", &format!("import {module}")]).output();
-    imported.is_ok_and(|output| output.status.success()).then_some(python)
 }

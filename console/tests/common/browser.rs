@@ -84,11 +84,12 @@ pub fn element(selector: &str) -> String {
     format!("document.querySelector({selector:?})")
 }
 
-/// Returns an expression for the first visible and enabled control whose text begins so.
+/// Returns an expression for the first visible and enabled control that has this text, or else whose text begins so.
 pub fn control(text: &str) -> String {
     format!(
-        "[...document.querySelectorAll('button:enabled, a, summary')]\
-         .find((control) => control.textContent.trim().startsWith({text:?}) && control.checkVisibility())"
+        "((fits) => fits.find((control) => control.textContent.trim() === {text:?}) ?? fits[0])\
+         ([...document.querySelectorAll('button:enabled, a, summary')]\
+         .filter((control) => control.textContent.trim().startsWith({text:?}) && control.checkVisibility()))"
     )
 }
 

@@ -8,6 +8,8 @@ pub mod browser;
 mod eventually;
 #[path = "../../../tests/common/maestro.rs"]
 pub mod maestro;
+#[path = "../../../tests/common/python.rs"]
+mod python;
 pub mod service;
 #[path = "../../../tests/common/skip.rs"]
 mod skip;
@@ -24,6 +26,7 @@ use std::{
 #[allow(unused_imports, reason = "each test uses some of them")]
 pub use self::{
     eventually::{PATIENCE, eventually},
+    python::python_with,
     skip::skip,
 };
 use facewire_packet::{BLENDSHAPES, Packet, State};

@@ -160,14 +160,8 @@ impl Layout {
         fits.then_some(Self { format, width, height, stride, full_range })
     }
 
-    /// The layout of frames whose rows follow each other without padding, with full range; `None` if a side is too long.
-    pub fn without_padding(format: PixelFormat, [width, height]: [usize; 2]) -> Option<Self> {
-        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side));
-        fits.then(|| Self { format, width, height, stride: format.row_bytes(width), full_range: true })
-    }
-
     /// The bytes of all planes of a frame; 0 for a JPEG image, whose length is not known.
-    pub fn frame_bytes(&self) -> usize {
+    fn frame_bytes(&self) -> usize {
         let Self { height, stride, .. } = *self;
         let chroma_rows = |has_half_rows| if has_half_rows { height.div_ceil(2) } else { height };
         match self.format.samples {
@@ -191,7 +185,7 @@ impl Layout {
 }
 
 pub struct Store {
-    pub(in crate::capture) layout: Layout,
+    pub(super) layout: Layout,
     /// What is kept of a raw frame.
     raw: Box<[u8]>,
     jpeg: Option<JpegDecoder>,
@@ -206,11 +200,6 @@ impl Store {
             _ => layout.kept().iter().product(),
         };
         Ok(Self { layout, raw: vec![0; bytes].into_boxed_slice(), jpeg })
-    }
-
-    /// The largest number of bytes that a frame can sensibly have.
-    pub fn max_frame_bytes(&self) -> usize {
-        self.jpeg.as_ref().map_or(self.layout.frame_bytes(), JpegDecoder::max_jpeg_bytes)
     }
 
     /// Copies or decodes a frame, so that its buffer can go back to the driver.

@@ -63,12 +63,14 @@ function Camera() {
     modes,
   }));
   const choices = [{ path: "auto", name: "The first camera that works" }, ...cameras];
-  if (!choices.some(({ path }) => path === kept)) choices.push({ path: kept, name: "As the settings say" });
+  const isClip = kept === "demo" || kept.startsWith("rehearsal");
+  if (!choices.some(({ path }) => path === kept))
+    choices.push({ path: kept, name: isClip ? "The built-in clip" : "As the settings say" });
   return html`<div class="panel">
     <h3>Which camera?</h3>
     ${trouble && html`<${Trouble}>${trouble}<//>`}
     ${devices?.not_examined?.map((sentence) => html`<p class="notice warn" key=${sentence}>${marked(sentence)}</p>`)}
-    ${devices && cameras.length === 0 && html`<p
+    ${devices && cameras.length === 0 && !isClip && html`<p
       class="notice warn">No camera is plugged in. Plug one in, and look again.</p>`}
     <fieldset class="choices"><legend>Camera</legend>
       ${choices.map(

@@ -297,7 +297,11 @@ fn the_first_page_leads_from_settings_without_a_link_to_a_face_in_unreal_and_in_
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
     }
     head.browser.turn_to("start");
-    head.browser.wait_for_text("Which camera?");
+    head.browser.wait_for_text("The built-in clip");
+    // The landmarks are bright points on black.
+    let points = "((canvas) => canvas?.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data\
+                  .filter((value, at) => at % 4 === 1 && value > 200).length)(document.querySelector('.camera canvas'))";
+    head.browser.wait_until(&format!("{points} > 400"));
     head.browser.screenshot("first 1 camera");
     head.browser.click("Next");
     head.browser.wait_for_text("Yes: the face is followed.");

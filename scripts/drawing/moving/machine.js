@@ -234,9 +234,9 @@ function drawServo(context, [x, y], end, size = 1) {
   context.beginPath();
   context.roundRect(x - width / 2, y - height / 2, width, height, 4);
   paint(context, COLOURS.servo, COLOURS.edge, 2);
-  line(context, [[x, y], end], COLOURS.socket, 12 * size);
-  line(context, [[x, y], end], COLOURS.horn, 8.5 * size);
-  disc(context, x, y, 7 * size, COLOURS.horn, COLOURS.socket, 2);
+  line(context, [[x, y], end], COLOURS.socket, 14 * size);
+  line(context, [[x, y], end], COLOURS.horn, 10 * size);
+  disc(context, x, y, 8.5 * size, COLOURS.horn, COLOURS.socket, 2);
   disc(context, ...end, 2.5, COLOURS.socket);
 }
 

@@ -7,6 +7,7 @@ const SCALE = 0.93;
 const MIDDLE = { x: 140, y: 117 };
 const NECK = { y: 96, z: -24 };
 const COLOURS = {
+  back: "#3b4a5b",
   frame: "#506379",
   edge: "#8aa0b6",
   socket: "#141b24",
@@ -22,6 +23,9 @@ const COLOURS = {
   horn: "#4fd07a",
   rod: "#dbe4ec",
 };
+// The outlines of the head at its back and at its front.
+const BACK = "M0-116C60-116 84-74 80-14C78 30 70 66 56 92H-56C-70 66-78 30-80-14C-84-74-60-116 0-116z";
+const FRONT = "M0-108C52-108 74-72 71-14C70 22 64 44 56 58H-56C-64 44-70 22-71-14C-74-72-52-108 0-108z";
 const SIDES = [["left", 1], ["right", -1]];
 const EYE = { x: 36, y: -8, radius: 25, z: 36 };
 // How far the horn of most servos turns to either side, in degrees.
@@ -94,7 +98,7 @@ class Machine {
   neck() {
     const positions = this.positions;
     this.still((context) => {
-      shape(context, "M-26 60H26V176H-26z", "#3b4a5b", COLOURS.edge);
+      shape(context, "M-26 60H26V176H-26z", COLOURS.back, COLOURS.edge);
       for (let y = 118; y < 160; y += 12) line(context, [[-26, y], [26, y]], COLOURS.edge, 2);
       ellipse(context, 0, 172, 58, 15, COLOURS.frame, COLOURS.edge);
     });
@@ -115,40 +119,46 @@ class Machine {
   }
 
   skull() {
-    this.sheet(-22, (context) => shape(context, "M0-116C60-116 84-74 80-14C78 30 70 66 56 92H-56C-70 66-78 30-80-14C-84-74-60-116 0-116z", "#3b4a5b", COLOURS.edge));
-    this.sheet(14, (context) => shape(context, "M0-108C52-108 74-72 71-14C70 22 64 44 56 58H-56C-64 44-70 22-71-14C-74-72-52-108 0-108z", COLOURS.frame, COLOURS.edge));
+    this.sheet(-22, (context) => shape(context, BACK, COLOURS.back, COLOURS.edge));
+    this.sheet(14, (context) => shape(context, FRONT, COLOURS.frame, COLOURS.edge));
   }
 
+  // The jaw with its servo, and the mouth, whose lower lip the jaw moves.
   mouth() {
-    const { positions } = this;
-    const open = 38 * positions.jaw;
     const hub = [-100, 104];
-    const jawEnd = hornEnd(hub, 1, 25, -turned(positions.jaw));
-    const rest = hornEnd(hub, 1, 25, -turned(0))[1];
-    const shift = jawEnd[1] - rest;
-    this.sheet(20, (context) => shape(context, `M-50 50V${84 + shift}C-46 ${112 + shift}-24 ${122 + shift} 0 ${122 + shift}C24 ${122 + shift} 46 ${112 + shift} 50 ${84 + shift}V50z`, COLOURS.jaw, COLOURS.edge));
-    const corners = SIDES.map(([side, sign]) => this.corner(side, sign));
+    const end = hornEnd(hub, 1, 25, -turned(this.positions.jaw));
+    const shut = hornEnd(hub, 1, 25, -turned(0));
+    const drop = end[1] - shut[1];
+    const [side, low, chin] = [84 + drop, 112 + drop, 122 + drop];
+    const jaw = `M-50 50V${side}C-46 ${low}-24 ${chin} 0 ${chin}C24 ${chin} 46 ${low} 50 ${side}V50z`;
+    this.sheet(20, (context) => shape(context, jaw, COLOURS.jaw, COLOURS.edge));
+    const corners = SIDES.map(([name, sign]) => this.corner(name, sign));
+    this.lips(corners.map(({ at }) => at), drop);
+    for (const corner of corners) {
+      this.rod(this.point(...corner.end, 10), this.point(...corner.at, 40));
+      this.sheet(10, (context) => drawServo(context, corner.hub, corner.end));
+    }
+    this.rod(this.point(...end, 10), this.point(-46, 98 + drop, 24));
+    this.sheet(10, (context) => drawServo(context, hub, end));
+  }
+
+  lips([[leftX, leftY], [rightX, rightY]], drop) {
+    const corners = (leftY + rightY) / 2;
+    const top = 2 * 68 - corners;
+    const bottom = 2 * (74 + drop) - corners;
+    const lips = new Path2D(`M${rightX} ${rightY}Q0 ${top} ${leftX} ${leftY}Q0 ${bottom} ${rightX} ${rightY}z`);
     this.sheet(40, (context) => {
-      const [[leftX, leftY], [rightX, rightY]] = corners.map(({ at }) => at);
-      const [top, bottom] = [2 * 68 - (leftY + rightY) / 2, 2 * (74 + shift) - (leftY + rightY) / 2];
-      const lips = new Path2D(`M${rightX} ${rightY}Q0 ${top} ${leftX} ${leftY}Q0 ${bottom} ${rightX} ${rightY}z`);
       context.fillStyle = COLOURS.socket;
       context.fill(lips);
       context.save();
       context.clip(lips);
       teeth(context, 60, 16);
-      teeth(context, 72 + shift, 18);
+      teeth(context, 72 + drop, 18);
       context.restore();
       context.strokeStyle = COLOURS.lip;
       context.lineWidth = 7;
       context.stroke(lips);
     });
-    for (const { end, at, hub: place } of corners) {
-      this.rod(this.point(...end, 10), this.point(...at, 40));
-      this.sheet(10, (context) => drawServo(context, place, end));
-    }
-    this.rod(this.point(...jawEnd, 10), this.point(-46, 98 + shift, 24));
-    this.sheet(10, (context) => drawServo(context, hub, jawEnd));
   }
 
   // Where a corner of the mouth is, and its servo.

@@ -128,6 +128,12 @@ fn drawings_are_what_their_script_makes_and_no_text_lies_on_another_or_on_a_line
     assert_eq!(run.status, Some(0), "{run:?}");
 }
 
+#[test]
+fn the_picture_in_readme_moves_is_small_and_has_a_text_that_says_what_is_seen() {
+    let run = Run::of(Command::new(project("scripts/draw-moving")).arg("--check"));
+    assert_eq!(run.status, Some(0), "{run:?}");
+}
+
 fn sources(folder: &Path) -> String {
     let source = |path: &PathBuf| match path.extension().and_then(|ending| ending.to_str()) {
         None if path.is_dir() => sources(path),

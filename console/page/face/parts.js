@@ -72,7 +72,7 @@ export function tongue() {
 
 // The wall of the mouth, of which the inside is drawn: once for the upper and once for the lower jaw.
 export function cavity() {
-  return grid(24, 16, ball(24, 16, (x, y, z) => [31 * x, -75 + 21 * y, 40 + 25 * z]));
+  return grid(24, 16, ball(24, 16, (x, y, z) => [43 * x, -71 + 28 * y, 36 + 27 * z]));
 }
 
 // An ear: a flat bowl beside the head.

@@ -16,8 +16,22 @@ use common::browser::{Browser, element, labelled};
 /// The machine is emulated, and 10 to 20 times slower than this one.
 const PATIENCE: Duration = Duration::from_mins(5);
 const PASSWORD: &str = "eyes that look";
-/// Two channels, with the sources and the ends that they get.
-const CHANNELS: [(&str, u32, u32); 2] = [("jawOpen", 1000, 1600), ("headYaw", 1900, 1100)];
+/// The servos of a whole head.
+const SERVOS: [&str; 8] = [
+    "eyes sideways",
+    "eyes up and down",
+    "left upper lid",
+    "right upper lid",
+    "jaw",
+    "neck turn",
+    "neck left",
+    "neck right",
+];
+const JAW: usize = 4;
+/// The ends that the jaw gets.
+const JAW_US: [u32; 2] = [1000, 1600];
+/// The card of the jaw on the page.
+const JAW_CARD: &str = "[aria-label='Channel 4 (jaw)']";
 
 /// Frames of the built-in clip that show the pose of an instruction, and one that shows the face at rest.
 const POSES: [(&str, u32); 6] = [
@@ -59,8 +73,8 @@ impl Guest {
     }
 
     /// The newest target of each channel, in microseconds; 0 for none. `None` for channels without one.
-    fn pulses_us(&self) -> [Option<u32>; CHANNELS.len()] {
-        let mut pulses = [None; CHANNELS.len()];
+    fn pulses_us(&self) -> [Option<u32>; SERVOS.len()] {
+        let mut pulses = [None; SERVOS.len()];
         let text = fs::read_to_string(self.0.join("targets")).unwrap_or_default();
         for (channel, target) in text.lines().filter_map(|line| line.split_once(' ')) {
             let place = pulses.get_mut(channel.parse::<usize>().unwrap());
@@ -92,13 +106,13 @@ fn log_in(browser: &mut Browser, url: &str) {
     browser.wait_until("document.querySelector('nav')");
 }
 
-/// Turns channel 0 by its slider. On a machine this slow, driving may end between two heartbeats of the page. It then arms
+/// Opens the jaw by its slider. On a machine this slow, driving may end between two heartbeats of the page. It then arms
 /// again, as a person does.
 fn jog_to_its_end(browser: &mut Browser, guest: &Guest, end_us: u32) {
     let end = Instant::now() + PATIENCE;
-    while guest.pulses_us()[0] != Some(end_us) {
+    while guest.pulses_us()[JAW] != Some(end_us) {
         assert!(Instant::now() < end, "waited in vain for the jaw at its end");
-        browser.drive(&element("[aria-label='Channel 0'] input[type=range]"), 1.0);
+        browser.drive(&element(&format!("{JAW_CARD} input[type=range]")), 1.0);
         thread::sleep(Duration::from_millis(500));
     }
 }
@@ -157,17 +171,12 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.screenshot("guest-3-receiver");
 
     go_to(&mut browser, "servos", "Add a channel");
-    for (number, (source, at_0_us, at_1_us)) in CHANNELS.into_iter().enumerate() {
-        let card = format!("[aria-label='Channel {number}']");
-        browser.click("Add a channel");
-        browser.choose(&labelled(&card, "Add from the list"), source);
-        browser.click_on(&element(&format!("[aria-label='Add {source} to channel {number}']")));
-        browser.wait_until(&format!("{}.textContent.includes('{source}')", element(&format!("{card} h4"))));
-        browser.click_on(&element(&format!("{card} > details > summary")));
-        for (label, pulse_us) in [("Pulse at end 0", at_0_us), ("Pulse at end 1", at_1_us)] {
-            browser.fill(&labelled(&card, label), &pulse_us.to_string());
-            browser.press("Tab");
-        }
+    browser.click("Whole head");
+    browser.wait_until(&format!("document.querySelectorAll('.channel').length === {}", SERVOS.len()));
+    browser.click_on(&element(&format!("{JAW_CARD} > details > summary")));
+    for (label, pulse_us) in ["Pulse at end 0", "Pulse at end 1"].into_iter().zip(JAW_US) {
+        browser.fill(&labelled(JAW_CARD, label), &pulse_us.to_string());
+        browser.press("Tab");
     }
     browser.wait_until("!document.querySelector('#draft .trouble')");
     browser.screenshot("guest-4-servos");
@@ -182,8 +191,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     guest.wait("targets of all channels", |guest| guest.pulses_us().iter().all(Option::is_some));
 
     // Armed, a slider moves its servo to its end and not beyond.
-    let [(_, at_0_us, at_1_us), ..] = CHANNELS;
-    jog_to_its_end(&mut browser, &guest, at_1_us);
+    jog_to_its_end(&mut browser, &guest, JAW_US[1]);
     browser.screenshot("guest-5-armed");
     // A service that is killed ends the jog, and comes back without it.
     guest.kill_service();
@@ -193,7 +201,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     browser.wait_for_text("Armed.");
     browser.click("STOP");
     browser.wait_for_text("All servos are released");
-    guest.wait("servos without pulses", |guest| guest.pulses_us() == [Some(0); CHANNELS.len()]);
+    guest.wait("servos without pulses", |guest| guest.pulses_us() == [Some(0); SERVOS.len()]);
     browser.wait_for_text("Arm");
     browser.screenshot("guest-6-stopped");
     // They stay released, even if the service is killed.
@@ -201,7 +209,7 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     go_to(&mut browser, "servos", "connected");
     browser.wait_until("document.querySelector('.board .state-good')");
     browser.wait_for_text("All servos are released");
-    assert_eq!(guest.pulses_us(), [Some(0); CHANNELS.len()]);
+    assert_eq!(guest.pulses_us(), [Some(0); SERVOS.len()]);
     browser.click("Let servos move again");
     guest.wait("pulses of all channels", |guest| guest.pulses_us().iter().all(|pulse| pulse.is_some_and(|us| us > 0)));
 
@@ -214,8 +222,10 @@ fn a_head_is_set_up_by_clicks_alone_and_moves_by_itself_after_a_restart() {
     fs::write(guest.0.join("restart"), "").unwrap();
     guest.await_file("restarted");
     guest.wait("targets after the restart", |guest| guest.pulses_us().iter().all(Option::is_some));
-    let [jaw_us, ..] = guest.pulses_us();
-    assert!((at_0_us..=at_1_us).contains(&jaw_us.unwrap()), "{jaw_us:?}");
+    let jaw_us = guest.pulses_us()[JAW].unwrap();
+    assert!((JAW_US[0]..=JAW_US[1]).contains(&jaw_us), "{jaw_us}");
+    let kept = fs::read_to_string(guest.0.join("kept.toml")).unwrap();
+    assert!(SERVOS.iter().all(|name| kept.contains(&format!("name = \"{name}\""))), "{kept}");
     log_in(&mut browser, &url);
     browser.resize(1280, 900);
     browser

@@ -54,7 +54,7 @@ const COUNTS: usize = 9;
 struct Hook(TempDir);
 
 impl Hook {
-    /// Builds the library, and starts a service with it, and with the libraries that are to be loaded behind it.
+    /// Builds the library, and starts a service with it, and with those that are to be loaded before it.
     fn start(toml: &str, receiver: &Receiver, prepare: impl FnOnce(&mut Command) -> &mut Command) -> (Self, Service) {
         let hook = Self(tempfile::tempdir().unwrap());
         let [library, counters] = ["allocations.so", "counters"].map(|name| hook.0.path().join(name));
@@ -65,8 +65,8 @@ impl Hook {
         let service = Service::start_with(toml, &[receiver.address()], |command| {
             prepare(command);
             let is_preload = |(name, _): &(&OsStr, _)| *name == "LD_PRELOAD";
-            let behind = command.get_envs().find(is_preload).and_then(|(_, value)| value).unwrap_or_default();
-            let preloaded = format!("{} {}", library.display(), behind.display());
+            let before = command.get_envs().find(is_preload).and_then(|(_, value)| value).unwrap_or_default();
+            let preloaded = format!("{} {}", before.display(), library.display());
             command.env("LD_PRELOAD", preloaded).env("ALLOCATIONS_FILE", counters)
         });
         (hook, service)

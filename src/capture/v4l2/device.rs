@@ -35,8 +35,8 @@ pub(super) enum Waker {
 }
 
 impl Device {
-    /// The camera that was opened to examine it. One with several planes is opened a second time, because the buffers of the
-    /// first descriptor are those of the other interface.
+    /// The camera that was opened to examine it. One with several planes is opened a second time, because its buffers must be
+    /// mapped by a descriptor that the crate v4l does not lend.
     pub(super) fn new(examined: v4l::Device, node: &Path, is_multi_planar: bool) -> io::Result<Self> {
         if is_multi_planar { planes::Device::open(node).map(Self::Multi) } else { Ok(Self::Single(examined)) }
     }

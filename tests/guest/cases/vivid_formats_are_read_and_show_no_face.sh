@@ -1,6 +1,6 @@
 #!/bin/sh
-# A test pattern in every raw format, by both of the kernel's interfaces: the service reads frames, none is damaged, and it
-# sees no face.
+# A test pattern in every raw format, by both of the kernel's interfaces: the service reads frames, none is damaged, their
+# colours are right, and it sees no face.
 . cases/lib.sh
 load_vivid() {
     modprobe vivid n_devs=1 node_types=0x1 multiplanar="$1"
@@ -14,12 +14,14 @@ for test in 1:yuyv 1:nv12 1:grey 2:yuyv 2:nv12; do
         await modprobe -r vivid
         load_vivid 2
         $work/facewire devices >$work/listed
-        grep -q 'NV12 640x480' $work/listed || fail "not listed: $(cat $work/listed)"
+        grep -q 'NV12 640x360' $work/listed || fail "not listed: $(cat $work/listed)"
     fi
     configure /dev/video0 $format
+    printf '[console]\npicture = true\n' >>$work/facewire.toml
     start_service
     await passed neutral/no_face
     await read_frames 3
+    [ $format = grey ] || python3 colours.py $format || fail "$test: the picture is wrong"
     stop_service
     grep -o 'camera opened: .*' $work/log
     grep -qi "camera opened: .*$format" $work/log || fail "the camera was not opened in $format"

@@ -13,8 +13,7 @@ for test in 1:yuyv 1:nv12 1:grey 2:yuyv 2:nv12; do
     if [ $test = 2:yuyv ]; then
         await modprobe -r vivid
         load_vivid 2
-        $work/facewire devices >$work/listed
-        grep -q 'NV12 640x360' $work/listed || fail "not listed: $(cat $work/listed)"
+        v4l2-ctl --device /dev/video0 --info | grep -q 'Video Capture Multiplanar' || fail 'vivid is not multi-planar'
     fi
     configure /dev/video0 $format
     printf '[console]\npicture = true\n' >>$work/facewire.toml

@@ -10,17 +10,23 @@
 mod common;
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
 use std::process::Command;
 
+use common::camera::{Camera, Cameras};
 use common::project;
 use common::service::{DEMO, Receiver, Service, counted};
 use tempfile::TempDir;
 
 /// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
 const WARM_UP: usize = 30;
+/// A busy machine may take seconds for a frame.
+const CAMERA: &str = "[camera]\ndevice = \"auto\"\n[failsafe]\nlive_ms = 5000\nhold_ms = 6000\nneutral_ms = 7000\n";
 /// Frames that are counted. The clip has 240, so it starts over in between.
 const FRAMES: u64 = 300;
+/// Frames of a camera that are counted. It shows 20 in turn.
+const CAMERA_FRAMES: u64 = 100;
 /// Functions of libjpeg-turbo that allocate and free memory for each image. Which of them call the C library depends on what
 /// the compiler inlines. A program that decodes into planes with libjpeg-turbo cannot avoid these calls.
 const JPEG_FUNCTIONS: [&str; 8] = [
@@ -48,16 +54,20 @@ const COUNTS: usize = 9;
 struct Hook(TempDir);
 
 impl Hook {
-    /// Builds the library, and starts a service with it.
-    fn start(receiver: &Receiver) -> (Self, Service) {
+    /// Builds the library, and starts a service with it, and with those that are to be loaded before it.
+    fn start(toml: &str, receiver: &Receiver, prepare: impl FnOnce(&mut Command) -> &mut Command) -> (Self, Service) {
         let hook = Self(tempfile::tempdir().unwrap());
         let [library, counters] = ["allocations.so", "counters"].map(|name| hook.0.path().join(name));
         let mut compiler = Command::new("cc");
         compiler.args(["-O2", "-shared", "-fPIC", "-o"]).arg(&library).arg(project("tests/hooks/allocations.c"));
         assert!(compiler.status().unwrap().success());
         fs::write(&counters, []).unwrap();
-        let service = Service::start_with(DEMO, &[receiver.address()], |command| {
-            command.env("LD_PRELOAD", library).env("ALLOCATIONS_FILE", counters)
+        let service = Service::start_with(toml, &[receiver.address()], |command| {
+            prepare(command);
+            let is_preload = |(name, _): &(&OsStr, _)| *name == "LD_PRELOAD";
+            let before = command.get_envs().find(is_preload).and_then(|(_, value)| value).unwrap_or_default();
+            let preloaded = format!("{} {}", before.display(), library.display());
+            command.env("LD_PRELOAD", preloaded).env("ALLOCATIONS_FILE", counters)
         });
         (hook, service)
     }
@@ -69,6 +79,38 @@ impl Hook {
         let counters = numbers.as_chunks::<3>().0.iter();
         counters.filter(|[thread, ..]| *thread != 0).map(|&[thread, caller, calls]| ((thread, caller), calls)).collect()
     }
+}
+
+/// The functions that allocated or freed memory in the threads that handle frames, with their calls, while the service
+/// processed so many frames. It mapped and unmapped no memory.
+fn calls_for(frames: u64, hook: &Hook, service: &mut Service, receiver: &Receiver) -> Vec<(String, u64)> {
+    receiver.live_packets(WARM_UP);
+    let before = hook.read();
+    let mapped = mappings(service);
+    let frames_before = counted(&service.status(), "frames");
+    // On a busy machine, the service leaves most frames out.
+    while counted(&service.status(), "frames") <= frames_before + frames {
+        receiver.live_packets(20);
+    }
+    let after = hook.read();
+    assert_eq!(mapped, mappings(service), "the process has mapped or unmapped memory");
+    let functions = Functions::of(service);
+    let threads = threads(service);
+    assert!(
+        threads.iter().all(|thread| before.keys().any(|(of, _)| of == thread)),
+        "no calls were counted while the service started: {before:?}"
+    );
+    after
+        .iter()
+        .filter(|((thread, _), _)| threads.contains(thread))
+        .map(|(key, calls)| (functions.at(key.1).to_owned(), calls - before.get(key).unwrap_or(&0)))
+        .filter(|(_, calls)| *calls > 0)
+        .collect()
+}
+
+/// The threads that handle frames.
+fn threads(service: &mut Service) -> [u64; 2] {
+    ["fw-hot", "fw-sender"].map(|name| u64::try_from(service.thread(name)).unwrap())
 }
 
 struct Functions {
@@ -102,34 +144,14 @@ impl Functions {
 #[test]
 fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decode() {
     let receiver = Receiver::new();
-    let (hook, mut service) = Hook::start(&receiver);
-    receiver.live_packets(WARM_UP);
-    let before = hook.read();
-    let mapped = mappings(&service);
-    let frames_before = counted(&service.status(), "frames");
-    // On a busy machine, the service leaves most frames out.
-    while counted(&service.status(), "frames") <= frames_before + FRAMES {
-        receiver.live_packets(20);
-    }
-    let after = hook.read();
-    assert_eq!(mapped, mappings(&service), "the process has mapped or unmapped memory");
-
-    let functions = Functions::of(&service);
-    let threads = ["fw-hot", "fw-sender"].map(|name| u64::try_from(service.thread(name)).unwrap());
-    assert!(
-        threads.iter().all(|thread| before.keys().any(|(of, _)| of == thread)),
-        "no calls were counted while the service started: {before:?}"
-    );
-    let of_frames: Vec<(&str, u64)> = after
-        .iter()
-        .filter(|((thread, _), _)| threads.contains(thread))
-        .map(|(key, calls)| (functions.at(key.1), calls - before.get(key).unwrap_or(&0)))
-        .filter(|(_, calls)| *calls > 0)
-        .collect();
+    let (hook, mut service) = Hook::start(DEMO, &receiver, |command| command);
+    let of_frames = calls_for(FRAMES, &hook, &mut service, &receiver);
     let decodes = |name: &str| JPEG_FUNCTIONS.contains(&name);
     let other: Vec<_> = of_frames.iter().filter(|(name, _)| !decodes(name)).collect();
     assert!(other.is_empty(), "calls that allocate or free memory: {other:?}");
 
+    let functions = Functions::of(&service);
+    let threads = threads(&mut service);
     // The calls of libjpeg-turbo are all counted, which shows that the library sees C code: those of each frame, and of the
     // first one of each camera, which is discarded.
     let log = service.stopped();
@@ -137,6 +159,18 @@ fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decod
     let of_hot = hook.read().into_iter().filter(|((thread, _), _)| *thread == threads[0]);
     let calls: u64 = of_hot.filter(|((_, caller), _)| decodes(functions.at(*caller))).map(|(_, calls)| calls).sum();
     assert!(calls.abs_diff(JPEG_CALLS * images) <= JPEG_CALLS, "{calls} calls for {images} images");
+}
+
+#[test]
+fn frames_of_a_camera_allocate_nothing_in_rust_or_c_by_either_interface_of_the_kernel() {
+    let camera = Camera { formats: &["NV12"], ..Camera::default() };
+    for camera in [camera.clone(), Camera { data_offset: 64, ..camera }.multi_planar()] {
+        let machine = Cameras::with(&[]);
+        machine.show_clip(camera);
+        let receiver = Receiver::new();
+        let (hook, mut service) = Hook::start(CAMERA, &receiver, |command| machine.prepare(command));
+        assert_eq!(calls_for(CAMERA_FRAMES, &hook, &mut service, &receiver), []);
+    }
 }
 
 /// The memory that the process has mapped, apart from the stacks and heaps of its threads, which come and go with other work

@@ -13,8 +13,8 @@ use std::thread::{JoinHandle, sleep, spawn};
 use std::time::Duration;
 
 use common::camera::{
-    Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE,
-    VIDEO_CAPTURE_MPLANE, clip_jpegs, clip_raw,
+    Camera, Cameras, Clock, DEVICE_CAPS, FPS_120, Failure, Listing, META_CAPTURE, STREAMING, VIDEO_CAPTURE, clip_jpegs,
+    clip_raw,
 };
 use common::eventually;
 use common::program::{settings, text};
@@ -67,6 +67,25 @@ fn every_format_shows_the_face_also_where_rows_are_padded() {
         receiver.live();
         service.await_log(&format!("camera opened: Simulated camera (/dev/video0): {name} 640x480 at 30 fps"));
         assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());
+    }
+}
+
+#[test]
+fn a_camera_with_several_planes_shows_the_face_in_every_format_of_one_also_behind_other_bytes_and_in_padded_rows() {
+    for (formats, stride, data_offset, name) in [
+        (&["NV12"], None, 0, "NV12"),
+        (&["NV12"], Some(704), 4096, "NV12"),
+        (&["YUYV"], Some(1344), 100, "YUYV"),
+        (&["MJPG"], None, 64, "MJPEG"),
+    ] {
+        let machine = Cameras::with(&[]);
+        machine.show_clip(Camera { formats, stride, data_offset, ..Camera::built_in() }.multi_planar());
+        let (service, receiver) = machine.serve(PATIENT);
+        receiver.live();
+        service.await_log(&format!("camera opened: Simulated camera (/dev/video0): {name} 640x480 at 30 fps"));
+        assert_eq!(counted(&service.status(), "damaged"), 0, "{}", service.log());
+        let calls = machine.calls(0);
+        assert!(calls.contains(&format!("S_FMT {} 640x480 field 0\nS_PARM 1/30\nREQBUFS 4\n", formats[0])), "{calls}");
     }
 }
 
@@ -129,6 +148,7 @@ fn devices_lists_each_camera_with_its_modes_and_stable_path_and_no_other_node() 
         Camera { card: "No rate", intervals: Listing::Unlisted([1, 30]), ..Camera::built_in() },
         Camera { card: "Codec", driver: "bcm2835-codec", ..Camera::built_in() },
         Camera::failing("open", Errno::ACCESS),
+        Camera { card: "Planes", formats: &["NV12", "NM12"], driver: "rkisp", ..Camera::built_in() }.multi_planar(),
     ]);
     machine.link("by-id/usb-Webcam-video-index0", 0);
     machine.link("by-path/platform-usb-0:1.2:1.0-video-index0", 0);
@@ -148,6 +168,8 @@ camera /dev/video4 \"One\" (vivid)
   GREY 352x288 at 30 fps
 camera /dev/video5 \"No rate\" (vivid)
   YUYV 640x480
+camera /dev/video8 \"Planes\" (rkisp)
+  NV12 640x480 at 30 fps
 not examined: no permission to open /dev/video7; add the user to the group `video`
 ";
     assert!(out.starts_with(cameras), "{out}");
@@ -166,6 +188,12 @@ fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
         (Camera { granted_size: Some([320, 240]), ..Camera::default() }, "YUYV 320x240 at 30 fps"),
         (Camera { granted_interval: Some([1, 15]), ..Camera::default() }, "YUYV 640x480 at 15 fps"),
         (Camera { granted_format: Some("NV12"), ..Camera::default() }, "NV12 640x480 at 30 fps"),
+        (Camera { granted_size: Some([320, 240]), ..Camera::default() }.multi_planar(), "YUYV 320x240 at 30 fps"),
+        (
+            Camera { sizes: Listing::Unlisted([352, 288]), planes: 1, ..Camera::default() }.multi_planar(),
+            "YUYV 352x288 at 30 fps",
+        ),
+        (Camera::failing("S_PARM", Errno::NOTTY).multi_planar(), "YUYV 640x480 at 30 fps"),
         (Camera::failing("S_PARM", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
         (Camera::failing("ENUM_FRAMEINTERVALS", Errno::NOTTY), "YUYV 640x480\n"),
         (Camera::failing("ENUM_FRAMESIZES", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
@@ -240,9 +268,10 @@ fn each_call_that_fails_is_one_sentence_with_a_remedy() {
         ("DQBUF", Errno::IO, "the camera failed while starting it: "),
     ];
     for (call, error, sentence) in table {
-        let machine = Cameras::with(&[Camera::failing(call, error)]);
-        let said = refusal(&machine, AUTO);
-        assert!(said.starts_with(sentence), "{call}, {error}: {said}");
+        for camera in [Camera::failing(call, error), Camera::failing(call, error).multi_planar()] {
+            let said = refusal(&Cameras::one(&camera), AUTO);
+            assert!(said.starts_with(sentence), "{call}, {error}: {said}");
+        }
     }
 }
 
@@ -270,12 +299,14 @@ fn what_is_no_camera_or_lacks_the_format_is_one_sentence() {
 
 #[test]
 fn a_driver_that_returns_an_undefined_value_is_named() {
-    let machine = Cameras::with(&[Camera { field: 77, ..Camera::default() }]);
-    for device in ["auto", "/dev/video0"] {
-        let said = refusal(&machine, &settings_for(device));
-        let sentence =
-            "the driver of /dev/video0 returned a value that the kernel does not define (Invalid field order";
-        assert!(said.starts_with(sentence), "{said}");
+    let camera = Camera { field: 77, ..Camera::default() };
+    for (camera, value) in [(camera.clone(), "Invalid field order"), (camera.multi_planar(), "asking for its format")] {
+        let machine = Cameras::one(&camera);
+        for device in ["auto", "/dev/video0"] {
+            let said = refusal(&machine, &settings_for(device));
+            let sentence = "the driver of /dev/video0 returned a value that the kernel does not define (";
+            assert!(said.starts_with(&format!("{sentence}{value}")), "{said}");
+        }
     }
 }
 
@@ -283,12 +314,11 @@ fn a_driver_that_returns_an_undefined_value_is_named() {
 #[test]
 fn a_node_that_is_no_camera_is_opened_once_and_that_of_a_codec_never_until_a_camera_comes() {
     let metadata = [VIDEO_CAPTURE | META_CAPTURE | STREAMING | DEVICE_CAPS, META_CAPTURE | STREAMING];
-    let planes = VIDEO_CAPTURE_MPLANE | STREAMING;
     let machine = Cameras::with(&[
         Camera { driver: "bcm2835-codec", formats: &["NV12"], ..Camera::built_in() },
         Camera { capabilities: metadata, ..Camera::default() },
         Camera { formats: &["pBAA"], ..Camera::built_in() },
-        Camera { capabilities: [planes | DEVICE_CAPS, planes], ..Camera::built_in() },
+        Camera { formats: &["NM12"], ..Camera::built_in() }.multi_planar(),
         Camera { formats: &[], ..Camera::of_a_program() },
     ]);
     let (service, receiver) = machine.serve(AUTO);
@@ -438,11 +468,14 @@ fn a_camera_that_facewire_cannot_read_is_named_with_what_it_offers() {
     assert!(machine.run(&["devices"]).succeeded().out.contains(unread));
     let said = refusal(&machine, AUTO);
     assert_eq!(said, format!("/dev/video0 offers {unread}; use another camera"));
-    let own = VIDEO_CAPTURE_MPLANE | STREAMING;
-    let planes = Camera { formats: &["NV12"], capabilities: [own | DEVICE_CAPS, own], ..Camera::default() };
-    let machine = Cameras::with(std::slice::from_ref(&planes));
-    let said = refusal(&machine, AUTO);
-    assert!(said.starts_with("/dev/video0 (Simulated camera) gives its pictures in several planes"), "{said}");
+    let machine = Cameras::one(&Camera { formats: &["YM12", "NM12"], planes: 3, ..Camera::default() }.multi_planar());
+    let planes = "/dev/video0 (Simulated camera) gives its pictures in several planes";
+    for device in ["auto", "/dev/video0"] {
+        let said = refusal(&machine, &settings_for(device));
+        assert!(said.starts_with(planes), "{said}");
+    }
+    let listed = machine.run(&["devices"]).succeeded().out;
+    assert!(listed.contains(&format!("no camera\nnot read: {planes}")), "{listed}");
     machine.plug(1, &Camera { card: "Webcam", formats: &["MJPG"], ..Camera::default() });
     let said = refusal(&machine, &format!("{AUTO}format = \"yuyv\"\n"));
     assert!(said.starts_with("/dev/video1 does not offer YUYV"), "{said}");
@@ -517,7 +550,10 @@ fn a_busy_camera_is_passed_over_and_one_on_usb_comes_first() {
 fn a_camera_that_comes_back_with_another_number_is_found_by_its_name_and_by_its_socket() {
     let camera = Camera { card: "UVC Camera", intervals: FPS_120, ..Camera::default() };
     let socket = "by-path/platform-usb-0:1:1.0-video-index0";
-    for device in ["uvc camera", &format!("/dev/v4l/{socket}")] {
+    let by_path = format!("/dev/v4l/{socket}");
+    for (device, camera) in
+        [("uvc camera", camera.clone()), (by_path.as_str(), camera.clone()), (by_path.as_str(), camera.multi_planar())]
+    {
         let machine = Cameras::one(&camera);
         machine.link(socket, 0);
         let (service, receiver) = machine.serve(&settings_for(device));
@@ -536,19 +572,22 @@ fn a_camera_that_comes_back_with_another_number_is_found_by_its_name_and_by_its_
 #[test]
 fn a_camera_that_falls_silent_is_closed_and_opened_again() {
     let camera = Camera { intervals: FPS_120, ..Camera::default() };
-    let machine = Cameras::one(&camera);
-    let (service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
-    receiver.until(IS_NO_FACE);
-    machine.change(0, &Camera { limit: Some(0), ..camera.clone() });
-    receiver.until(IS_NO_CAMERA);
-    service.await_log("camera lost: the camera sent nothing for 100 ms; check its cable and USB bandwidth");
-    machine.change(0, &camera);
-    receiver.until(IS_NO_FACE);
-    assert_eq!(counted(&service.status(), "cameras_opened"), 2);
-    let calls = machine.calls(0);
-    let opened = calls.lines().filter(|call| *call == "open").count();
-    let closed = calls.lines().filter(|call| *call == "close").count();
-    assert_eq!(opened, closed + 1, "each camera but the last is closed: {calls}");
+    for camera in [camera.clone(), camera.multi_planar()] {
+        let machine = Cameras::one(&camera);
+        let (service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
+        receiver.until(IS_NO_FACE);
+        machine.change(0, &Camera { limit: Some(0), ..camera.clone() });
+        receiver.until(IS_NO_CAMERA);
+        service.await_log("camera lost: the camera sent nothing for 100 ms; check its cable and USB bandwidth");
+        machine.change(0, &camera);
+        receiver.until(IS_NO_FACE);
+        assert_eq!(counted(&service.status(), "cameras_opened"), 2);
+        let calls = machine.calls(0);
+        let opened = calls.lines().filter(|call| *call == "open").count();
+        let closed = calls.lines().filter(|call| *call == "close").count();
+        assert_eq!(opened, closed + 1, "each camera but the last is closed: {calls}");
+        assert!(calls.contains("STREAMOFF\nREQBUFS 0\nclose\n"), "its buffers are given back: {calls}");
+    }
 }
 
 #[test]
@@ -559,26 +598,31 @@ fn after_an_error_of_the_driver_the_camera_is_opened_again() {
         ("QBUF", Errno::IO, "camera lost: the camera failed while sending frames: Input/output error"),
         ("DQBUF", Errno::NODEV, "camera lost: the camera is gone; plug it in again"),
     ] {
-        let machine = Cameras::one(&camera);
-        let (service, receiver) = machine.serve(AUTO);
-        receiver.until(IS_NO_FACE);
-        machine.change(0, &Camera { failures: vec![Failure { call, error, nth: 1 }], ..camera.clone() });
-        service.await_log(sentence);
-        eventually("the camera", || service.logged("camera opened: ") == 2);
-        receiver.until(IS_NO_FACE);
+        for camera in [camera.clone(), camera.clone().multi_planar()] {
+            let machine = Cameras::one(&camera);
+            let (service, receiver) = machine.serve(AUTO);
+            receiver.until(IS_NO_FACE);
+            machine.change(0, &Camera { failures: vec![Failure { call, error, nth: 1 }], ..camera });
+            service.await_log(sentence);
+            eventually("the camera", || service.logged("camera opened: ") == 2);
+            receiver.until(IS_NO_FACE);
+        }
     }
 }
 
 #[test]
 fn a_camera_that_cannot_be_stopped_ends_the_service() {
     let camera = Camera { intervals: FPS_120, ..Camera::default() };
-    let machine = Cameras::one(&camera);
-    let (mut service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
-    receiver.until(IS_NO_FACE);
-    machine.change(0, &Camera { limit: Some(0), ..Camera::failing("STREAMOFF", Errno::IO) });
-    eventually("the end", || service.child.try_wait().unwrap().is_some());
-    assert_eq!(service.child.wait().unwrap().code(), Some(69), "{}", service.log());
-    assert!(service.log().contains("/dev/video0 cannot be stopped: Input/output error"), "{}", service.log());
+    for camera in [camera.clone(), camera.multi_planar()] {
+        let machine = Cameras::one(&camera);
+        let (mut service, receiver) = machine.serve(&format!("{AUTO}stall_timeout_ms = 100\n"));
+        receiver.until(IS_NO_FACE);
+        let failures = Camera::failing("STREAMOFF", Errno::IO).failures;
+        machine.change(0, &Camera { limit: Some(0), failures, ..camera });
+        eventually("the end", || service.child.try_wait().unwrap().is_some());
+        assert_eq!(service.child.wait().unwrap().code(), Some(69), "{}", service.log());
+        assert!(service.log().contains("/dev/video0 cannot be stopped: Input/output error"), "{}", service.log());
+    }
 }
 
 #[test]
@@ -590,7 +634,10 @@ fn damaged_frames_are_counted_and_left_out_whatever_is_wrong_with_them() {
     for camera in [
         Camera { marked: (1, 5), ..raw.clone() },
         Camera { cut: (1, 5), ..raw.clone() },
-        Camera { empty: (1, 5), ..raw },
+        Camera { empty: (1, 5), ..raw.clone() },
+        Camera { marked: (1, 5), ..raw.clone() }.multi_planar(),
+        Camera { cut: (1, 5), ..raw.clone() }.multi_planar(),
+        Camera { empty: (1, 5), data_offset: 32, ..raw }.multi_planar(),
         Camera { cut: (1, 5), ..jpeg.clone() },
         Camera { empty: (1, 5), ..jpeg },
     ] {

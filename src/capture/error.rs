@@ -24,7 +24,7 @@ pub enum CaptureError {
     /// There is no such camera, or the path leads to something else. A search passes over it.
     #[error("{0}")]
     Absent(String),
-    /// The camera has another interface of the kernel than the one that is read. A search names it if there is no other camera.
+    /// The camera has no format that needs one plane of memory for a picture. A search names it if there is no other camera.
     #[error(
         "{path} ({card}) gives its pictures in several planes, which facewire does not read; use a USB camera, or pass its \
          pictures on to a v4l2loopback device as YUYV"
@@ -74,6 +74,7 @@ impl CaptureError {
                 "{path} cannot start, because its USB bus has no bandwidth left; give it a port of its own instead of a \
                  hub shared with other cameras or sound, set camera.format = \"mjpeg\", or choose a smaller picture"
             ),
+            ErrorKind::InvalidData => return Self::undefined(&path, during),
             _ if during == IDENTIFYING && source.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
                 return Self::not_a_camera(&path);
             }
@@ -88,6 +89,12 @@ impl CaptureError {
         }
         let remedy = "if this happens again, unplug it and plug it in again";
         Self::Unusable(format!("the camera failed while {during}: {source}; {remedy}"))
+    }
+
+    /// The error of a driver that returns a value that nobody expects.
+    pub(super) fn undefined(path: &impl Display, reason: &str) -> Self {
+        let fault = format!("returned a value that the kernel does not define ({reason})");
+        Self::Unusable(format!("the driver of {path} {fault}; use another camera"))
     }
 
     pub(super) fn not_a_camera(path: &impl Display) -> Self {

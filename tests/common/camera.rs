@@ -102,6 +102,10 @@ pub struct Camera {
     pub colorspace: u32,
     pub quantization: u32,
     pub field: u32,
+    /// The planes of the formats of a camera with several, of which it fills the first alone, and the bytes in front of the
+    /// picture in that one.
+    pub planes: u32,
+    pub data_offset: u32,
     /// A folder that [`Cameras::film`] has made. Without it, the pictures are grey.
     pub frames: Option<PathBuf>,
     /// The number of frames after the start of the stream. Then none come.
@@ -146,6 +150,8 @@ impl Default for Camera {
             colorspace: 8,
             quantization: 0,
             field: 1,
+            planes: 1,
+            data_offset: 0,
             frames: None,
             limit: None,
             lost: (0, 0),
@@ -171,6 +177,12 @@ impl Camera {
         Self { driver: "vivid", bus: "platform:vivid-000", ..Self::default() }
     }
 
+    /// The same camera with the kernel's interface for several planes alone, as most at a camera connector have it.
+    pub fn multi_planar(self) -> Self {
+        let own = VIDEO_CAPTURE_MPLANE | STREAMING;
+        Self { capabilities: [own | DEVICE_CAPS, own], ..self }
+    }
+
     /// A camera whose pictures a program makes: there is no device behind its node.
     pub fn of_a_program() -> Self {
         Self { driver: "v4l2 loopback", bus: "platform:v4l2loopback-000", ..Self::default() }
@@ -190,6 +202,7 @@ impl Camera {
         writeln!(text, "sizes {}\nintervals {}", self.sizes.describe('x'), self.intervals.describe('/')).unwrap();
         writeln!(text, "colorspace {}\nquantization {}", self.colorspace, self.quantization).unwrap();
         writeln!(text, "field {}\nsequence {first} {step}\nclock {}", self.field, self.clock.describe()).unwrap();
+        writeln!(text, "planes {}\ndata_offset {}", self.planes, self.data_offset).unwrap();
         let pair = |[first, second]: [u32; 2], sign| format!("{first}{sign}{second}");
         let options = [
             ("granted_format", self.granted_format.map(str::to_owned)),

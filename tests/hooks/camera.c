@@ -12,7 +12,7 @@
  * the monotonic clock, into queued buffers, or drops them if no buffer is queued, as a driver does.
  *
  * Limits: it knows only the V4L2 calls that capture by mapped buffers, and replaces only the functions that Rust's
- * standard library and the v4l crate call, not every function that takes a path.
+ * standard library and the crates v4l and v4l2r call, not every function that takes a path.
  *
  * Build: cc -O1 -shared -fPIC -o camera.so camera.c -ldl */
 #define _GNU_SOURCE
@@ -379,6 +379,12 @@ static int list_interval(struct camera *camera, struct v4l2_frmivalenum *interva
     return 0;
 }
 
+/* The size of a buffer. */
+static uint32_t plane_bytes(const struct camera *camera)
+{
+    return camera->image_bytes + camera->is->data_offset;
+}
+
 /* Answers with the format that is set. */
 static void state_format(const struct camera *camera, struct v4l2_format *format)
 {
@@ -391,9 +397,9 @@ static void state_format(const struct camera *camera, struct v4l2_format *format
         pixels->field = camera->is->field;
         pixels->colorspace = camera->is->colorspace;
         pixels->quantization = (uint8_t)camera->is->quantization;
-        pixels->num_planes = 1;
+        pixels->num_planes = (uint8_t)camera->is->planes;
         pixels->plane_fmt[0].bytesperline = camera->stride;
-        pixels->plane_fmt[0].sizeimage = camera->image_bytes;
+        pixels->plane_fmt[0].sizeimage = plane_bytes(camera);
         return;
     }
     struct v4l2_pix_format *pixels = &format->fmt.pix;
@@ -510,15 +516,16 @@ static void stamp(struct camera *camera, struct buffer *buffer, int64_t true_us)
 /* Copies the picture of this frame into a buffer. Without a folder of frames, it is grey, with the noise of a sensor. */
 static void show(const struct camera *camera, struct buffer *buffer)
 {
+    unsigned char *picture = buffer->memory + camera->is->data_offset;
     buffer->used = camera->image_bytes;
     if (!camera->is->frame_count) {
-        memset(buffer->memory, 124 + (int)(camera->frame * 2654435761u >> 16) % 9, camera->image_bytes);
+        memset(picture, 124 + (int)(camera->frame * 2654435761u >> 16) % 9, camera->image_bytes);
         return;
     }
     char path[sizeof camera->is->frames + 16];
     snprintf(path, sizeof path, "%s/%04u", camera->is->frames, camera->frame % camera->is->frame_count);
     int file = HIDDEN(open)(path, O_RDONLY | O_CLOEXEC);
-    ssize_t bytes = read(file, buffer->memory, camera->image_bytes);
+    ssize_t bytes = read(file, picture, camera->image_bytes);
     if (bytes < 0)
         abort();
     buffer->used = (uint32_t)bytes;
@@ -573,21 +580,21 @@ static int request_buffers(struct camera *camera, struct v4l2_requestbuffers *re
     request->capabilities = V4L2_BUF_CAP_SUPPORTS_MMAP;
     for (uint32_t i = 0; i < request->count; i++) {
         int protection = PROT_READ | PROT_WRITE, flags = MAP_SHARED | MAP_ANONYMOUS;
-        unsigned char *memory = HIDDEN(mmap)(NULL, camera->image_bytes, protection, flags, -1, 0);
+        unsigned char *memory = HIDDEN(mmap)(NULL, plane_bytes(camera), protection, flags, -1, 0);
         if (memory == MAP_FAILED)
             return ENOMEM;
-        memset(memory, 128, camera->image_bytes);
+        memset(memory, 128, plane_bytes(camera));
         camera->buffers[i] = (struct buffer){ .memory = memory };
     }
     camera->buffer_count = request->count;
     return 0;
 }
 
+/* The kernel asks for the kind of memory only where a buffer is queued. */
 static int check_buffer(const struct camera *camera, const struct v4l2_buffer *buffer)
 {
     int has_plane = !is_multiplanar(camera) || (buffer->m.planes && buffer->length >= 1);
-    int is_one = captures(camera, buffer->type) && buffer->memory == V4L2_MEMORY_MMAP;
-    return is_one && has_plane && buffer->index < camera->buffer_count ? 0 : EINVAL;
+    return captures(camera, buffer->type) && has_plane && buffer->index < camera->buffer_count ? 0 : EINVAL;
 }
 
 static void state_buffer(const struct camera *camera, struct v4l2_buffer *answer)
@@ -596,15 +603,16 @@ static void state_buffer(const struct camera *camera, struct v4l2_buffer *answer
     uint32_t offset = answer->index * BUFFER_OFFSET;
     if (is_multiplanar(camera)) {
         answer->length = 1;
-        answer->m.planes[0].bytesused = buffer->used;
-        answer->m.planes[0].length = camera->image_bytes;
+        answer->m.planes[0].bytesused = buffer->used ? buffer->used + camera->is->data_offset : 0;
+        answer->m.planes[0].length = plane_bytes(camera);
         answer->m.planes[0].m.mem_offset = offset;
-        answer->m.planes[0].data_offset = 0;
+        answer->m.planes[0].data_offset = camera->is->data_offset;
     } else {
         answer->bytesused = buffer->used;
-        answer->length = camera->image_bytes;
+        answer->length = plane_bytes(camera);
         answer->m.offset = offset;
     }
+    answer->memory = V4L2_MEMORY_MMAP;
     answer->flags = buffer->flags | V4L2_BUF_FLAG_MAPPED;
     answer->field = camera->is->field;
     answer->sequence = buffer->number;
@@ -631,7 +639,7 @@ static int is_in(const struct queue *queue, uint32_t buffer)
 static int queue_buffer(struct camera *camera, struct v4l2_buffer *buffer)
 {
     int error = check_buffer(camera, buffer);
-    if (error || is_in(&camera->queued, buffer->index) || is_in(&camera->filled, buffer->index))
+    if (error || buffer->memory != V4L2_MEMORY_MMAP || is_in(&camera->queued, buffer->index) || is_in(&camera->filled, buffer->index))
         return EINVAL;
     append(&camera->queued, buffer->index);
     return 0;

@@ -12,6 +12,8 @@
  *   granted_interval SECONDS/FRAMES
  *   pace SECONDS/FRAMES                          the true interval of frames, whatever the driver says
  *   stride, image_bytes, colorspace, quantization, field NUMBER
+ *   planes NUMBER                                the planes of a multi-planar camera's formats, of which it fills the first alone
+ *   data_offset NUMBER                           bytes in front of the picture, in that plane
  *   frames FOLDER                                with files 0000, 0001, ..., shown in turn; without it, grey pixels
  *   limit COUNT                                  COUNT frames after the start of the stream, then none
  *   lost, marked, empty, short COUNT OF          the last COUNT of every OF frames are lost on the way, marked as damaged
@@ -61,7 +63,7 @@ struct description {
     struct list sizes, intervals;
     /* 0 where the driver grants what it is asked for. */
     uint32_t granted_format, granted_size[2], granted_interval[2], pace[2];
-    uint32_t stride, image_bytes, colorspace, quantization, field;
+    uint32_t stride, image_bytes, colorspace, quantization, field, planes, data_offset;
     char frames[256];
     uint32_t frame_count;
     uint32_t limit;
@@ -143,6 +145,8 @@ static int read_number(struct description *description, const char *key, const c
         { "colorspace", &description->colorspace },
         { "quantization", &description->quantization },
         { "field", &description->field },
+        { "planes", &description->planes },
+        { "data_offset", &description->data_offset },
         { "limit", &description->limit },
     };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
@@ -239,6 +243,7 @@ static void read_description(struct description *description, char *text)
         .intervals = { DISCRETE, 1, { { 1, 30 } } },
         .colorspace = V4L2_COLORSPACE_SRGB,
         .field = V4L2_FIELD_NONE,
+        .planes = 1,
         .limit = UINT32_MAX,
         .number_step = 1,
         .clock = "monotonic",

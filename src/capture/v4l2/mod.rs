@@ -1,38 +1,36 @@
 //! Cameras of the kernel's `Video4Linux2` interface.
 //!
 //! `probe` lists the cameras, `select` decides which of them to try for a setting, `mode` chooses among the modes that a
-//! camera offers, `stream` waits for the newest buffer, `clock` judges its time, and `layout` checks and keeps its pixels.
+//! camera offers, `stream` waits for the newest buffer, `clock` judges its time, and `layout` checks and keeps its pixels. `device`
+//! is a camera by either of the kernel's interfaces, and `planes` the one for several planes.
 //!
 //! Contract: every error except a damaged frame ends the source, which must then be closed and opened again. Unplugged
 //! cameras and faulty drivers cause errors, never panics.
 //!
-//! Limits: single-planar capture, in the formats of [`PixelFormat::ALL`].
+//! Limits: the formats of [`PixelFormat::ALL`], each picture of which is in one piece of memory.
 
 mod clock;
+mod device;
 mod layout;
 mod mode;
+mod planes;
 mod probe;
 mod select;
 mod stream;
 
 use std::mem::take;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use v4l::device::Handle;
 use v4l::format::FieldOrder;
-use v4l::io::mmap::Stream as MappedStream;
-use v4l::io::traits::CaptureStream;
-use v4l::video::Capture;
-use v4l::video::capture::Parameters;
-use v4l::{Device, Format, FourCC, Fraction};
+use v4l::{Format, FourCC, Fraction};
 
 pub use self::layout::{Layout, PixelFormat, Store};
 pub use self::mode::Wish;
 pub use self::probe::{Camera, Found, cameras};
 
 use self::clock::DriverClock;
+use self::device::{Buffers, Device, Waker};
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, has_hardware, probe};
 pub(super) use self::select::AUTO;
@@ -48,8 +46,8 @@ const STALE_PERIODS: u64 = 2;
 
 pub struct CameraSource {
     /// `None` after the camera was stopped.
-    mapped: Option<MappedStream<'static>>,
-    handle: Arc<Handle>,
+    mapped: Option<Buffers>,
+    waker: Waker,
     store: Store,
     node: PathBuf,
     origin: String,
@@ -81,14 +79,16 @@ impl CameraSource {
         let (camera, device) = probe(path)?;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
         let has_smaller_mode = has_smaller(&camera.modes, wish, &choice);
+        let opened = Device::new(device, &camera.node, camera.is_multi_planar);
+        let device = opened.map_err(|error| CaptureError::device(&camera.node, "opening it", error))?;
+        let store = Store::new(set_format(&device, &camera, choice)?)?;
         let Camera { node, card, .. } = camera;
-        let store = Store::new(set_format(&device, &node, choice)?)?;
         let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let mapped = stream::start(&device, &node)?;
         Ok(Self {
             mapped: Some(mapped),
-            handle: device.handle(),
+            waker: device.waker(),
             store,
             origin: format!("{card} ({}{note})", node.display()),
             is_virtual: !has_hardware(&node),
@@ -108,9 +108,9 @@ impl CameraSource {
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
     fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
-        let handle = &self.handle;
+        let waker = &self.waker;
         let timeout = self.timeout;
-        wait(handle, timeout)?;
+        wait(waker, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
         let mut skipped = 0;
@@ -134,11 +134,11 @@ impl CameraSource {
             let frame = filled(bytes, meta);
             let is_frozen = frame.is_ok_and(|frame| self.live.repeats.is_frozen(frame, now_us));
             if self.live.leaves_out(captured_us) {
-                wait(handle, timeout)?;
+                wait(waker, timeout)?;
                 continue;
             }
             let is_stale = skipped > 0 && now_us - captured_us > stale_us;
-            let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
+            let has_newer = is_ready(waker, Duration::ZERO)? || is_stale && is_ready(waker, take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
                 self.live.tally.motion = match is_frozen {
                     false => Motion::Moving,
@@ -224,11 +224,14 @@ impl Source for CameraSource {
 }
 
 /// Asks the driver for a format with whole pictures: in its usual order of fields, or else with rows of two moments in turn.
-fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
+fn set_format(device: &Device, camera: &Camera, choice: Choice) -> Result<Layout, CaptureError> {
+    let path = camera.node.as_path();
     let ask = |field_order| {
         let [width, height] = choice.size;
         let wanted = Format { field_order, ..Format::new(width, height, FourCC::new(&choice.format.fourcc)) };
-        device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))
+        let set = device.set_format(&wanted);
+        set.map_err(|error| CaptureError::device(path, "setting its format", error))?
+            .ok_or_else(|| camera.needs_planes())
     };
     let mut set = ask(FieldOrder::Any)?;
     if lacks_rows(&set)
@@ -259,8 +262,8 @@ fn lacks_rows(set: &Format) -> bool {
     }
 }
 
-/// Asks the driver for a rate. Returns the rate that it has set, if it says so.
+/// Asks the driver for a rate. Returns the rate that it has set, if that is known.
 fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
-    let set = device.set_params(&Parameters::new(Fraction::new(rate.seconds, rate.frames))).ok()?.interval;
+    let set = device.set_interval(Fraction::new(rate.seconds, rate.frames))?;
     FrameRate::new(set.denominator, set.numerator)
 }

@@ -18,6 +18,7 @@ use v4l::{Device, FourCC, Fraction};
 
 use super::super::error::IDENTIFYING;
 use super::super::{CaptureError, FrameRate};
+use super::device::{format, formats};
 use super::layout::PixelFormat;
 use super::mode::{Mode, Rates, Steps, Wish};
 
@@ -40,6 +41,8 @@ pub struct Camera {
     pub card: String,
     pub driver: String,
     pub is_usb: bool,
+    /// Whether it has the kernel's interface for several planes alone.
+    pub is_multi_planar: bool,
     /// Links to the node, by-id before by-path.
     pub links: Vec<PathBuf>,
     pub modes: Vec<Mode>,
@@ -51,7 +54,7 @@ pub struct Camera {
 pub struct Found {
     /// In order of the numbers of their nodes.
     pub cameras: Vec<Camera>,
-    /// Cameras that give their pictures in several planes.
+    /// Cameras whose pictures all need several planes.
     pub multi_planar: Vec<CaptureError>,
     /// Errors of the video devices that could not be examined, such as a missing permission.
     pub refused: Vec<CaptureError>,
@@ -70,6 +73,10 @@ impl Camera {
             ),
             None => format!("{node} offers {}; use another camera", self.unread()),
         })
+    }
+
+    pub(super) fn needs_planes(&self) -> CaptureError {
+        CaptureError::MultiPlanar { path: self.node.display().to_string(), card: self.card.clone() }
     }
 
     /// Says that none of its formats is read.
@@ -213,18 +220,25 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
     guarded(path, || {
         let node = video_node(path)?;
+        let not_a_camera = || CaptureError::not_a_camera(&path.display());
         let device = Device::with_path(&node).map_err(fail("opening it"))?;
-        let (card, driver, is_usb) = match identity(&device, &node).map_err(fail(IDENTIFYING))? {
-            // A camera that offers only unsupported formats is listed without modes.
-            Identity::Camera { card, driver, is_usb } if device.format().is_ok() => (card, driver, is_usb),
-            Identity::MultiPlanar { card } => {
-                return Err(CaptureError::MultiPlanar { path: path.display().to_string(), card });
+        let identity = identity(&device, &node).map_err(fail(IDENTIFYING))?.ok_or_else(not_a_camera)?;
+        let Identity { card, driver, is_usb, is_multi_planar } = identity;
+        match format(&device, is_multi_planar) {
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                return Err(fail("asking for its format")(error));
             }
-            _ => return Err(CaptureError::not_a_camera(&path.display())),
-        };
+            Err(_) => return Err(not_a_camera()),
+            // A camera that offers only unsupported formats is listed without modes.
+            Ok(_) => {}
+        }
         let links = links(&node);
-        let (modes, other_formats) = modes(&device);
-        let camera = Camera { card, driver, is_usb, links, modes, other_formats, node };
+        let (modes, other_formats) = modes(&device, is_multi_planar);
+        let camera = Camera { card, driver, is_usb, is_multi_planar, links, modes, other_formats, node };
+        let has_planes = camera.other_formats.iter().any(|code| needs_planes(code));
+        if has_planes && camera.modes.is_empty() && !NO_CAMERAS.contains(&camera.driver.as_str()) {
+            return Err(camera.needs_planes());
+        }
         Ok((camera, device))
     })
 }
@@ -239,45 +253,46 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
 }
 
-/// What a video device is.
-enum Identity {
-    /// It captures pictures, and has these names of itself and of its driver.
-    Camera { card: String, driver: String, is_usb: bool },
-    /// It captures pictures by the interface for several planes alone.
-    MultiPlanar { card: String },
-    /// It does not capture pictures by streaming.
-    Other,
+/// What a device that captures pictures says of itself.
+struct Identity {
+    card: String,
+    driver: String,
+    is_usb: bool,
+    /// Whether it has the interface for several planes alone.
+    is_multi_planar: bool,
 }
 
-/// Asks a device what it is.
+/// Asks a device what it is. Returns `None` if it does not capture pictures by streaming.
 ///
 /// The v4l crate panics on a camera's name that is not UTF-8, for example because the kernel has cut it within a
 /// character. The capabilities of such a device are not queried; its formats decide whether it captures. Only USB cameras
 /// name themselves.
-fn identity(device: &Device, node: &Path) -> io::Result<Identity> {
+fn identity(device: &Device, node: &Path) -> io::Result<Option<Identity>> {
     if let Some(card) = fs::read(sysfs(node).join("name")).ok().filter(|card| std::str::from_utf8(card).is_err()) {
         let card = String::from_utf8_lossy(card.trim_ascii()).into_owned();
-        return Ok(Identity::Camera { card, driver: "unknown".to_owned(), is_usb: true });
+        let driver = "unknown".to_owned();
+        return Ok(Some(Identity { card, driver, is_usb: true, is_multi_planar: false }));
     }
     let Capabilities { card, driver, bus, capabilities, .. } = device.query_caps()?;
     let can = |flag| capabilities.contains(flag | Flags::STREAMING);
-    Ok(if can(Flags::VIDEO_CAPTURE) {
-        Identity::Camera { card, driver, is_usb: bus.starts_with("usb") }
-    } else if can(Flags::VIDEO_CAPTURE_MPLANE) && !NO_CAMERAS.contains(&driver.as_str()) {
-        Identity::MultiPlanar { card }
-    } else {
-        Identity::Other
-    })
+    let is_multi_planar = !can(Flags::VIDEO_CAPTURE);
+    let captures = !is_multi_planar || can(Flags::VIDEO_CAPTURE_MPLANE) && !can(Flags::VIDEO_OUTPUT_MPLANE);
+    Ok(captures.then(|| Identity { card, driver, is_usb: bus.starts_with("usb"), is_multi_planar }))
 }
 
 /// Returns the modes of a camera, and its formats that are not read.
-fn modes(device: &Device) -> (Vec<Mode>, Vec<String>) {
-    let codes: Vec<_> = device.enum_formats().unwrap_or_default().into_iter().map(|format| format.fourcc).collect();
-    let mut formats: Vec<_> = codes.iter().filter_map(|code| PixelFormat::of(code.repr)).collect();
-    formats.dedup();
+fn modes(device: &Device, is_multi_planar: bool) -> (Vec<Mode>, Vec<String>) {
+    let codes = formats(device, is_multi_planar);
+    let mut read: Vec<_> = codes.iter().filter_map(|code| PixelFormat::of(code.repr)).collect();
+    read.dedup();
     let is_read = |code: &&FourCC| PixelFormat::of(code.repr).is_some();
     let others = codes.iter().filter(|code| !is_read(code)).map(|code| readable(code.repr)).collect();
-    (formats.into_iter().flat_map(|format| modes_of(device, format)).collect(), others)
+    (read.into_iter().flat_map(|format| modes_of(device, format, is_multi_planar)).collect(), others)
+}
+
+/// Whether this is the code of a pixel format that needs several planes of memory, such as NM12.
+fn needs_planes(code: &str) -> bool {
+    matches!(code.as_bytes(), [_, b'M', b'0'..=b'9', b'0'..=b'9'])
 }
 
 /// The code of a pixel format. Bytes that are no letters, as some drivers have, become question marks.
@@ -287,17 +302,17 @@ fn readable(code: [u8; 4]) -> String {
 }
 
 /// Returns a mode for each size of a format. A driver that lists no sizes offers the size that is set.
-fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
-    let fourcc = FourCC::new(&format.fourcc);
+fn modes_of(device: &Device, pixels: PixelFormat, is_multi_planar: bool) -> Vec<Mode> {
+    let fourcc = FourCC::new(&pixels.fourcc);
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
     let mut sizes: Vec<_> = sizes.into_iter().map(|size| steps(&size.size)).collect();
     sizes.retain(|size| size.iter().all(|side| side.max > 0));
     if sizes.is_empty() {
-        sizes.extend(device.format().ok().map(|set| [set.width, set.height].map(Steps::one)));
+        sizes.extend(format(device, is_multi_planar).ok().map(|set| [set.width, set.height].map(Steps::one)));
     }
     let mode = |size: [Steps; 2]| {
         let intervals = device.enum_frameintervals(fourcc, size[0].max, size[1].max).unwrap_or_default();
-        Mode { format, size, rates: intervals.iter().filter_map(|of| rates(&of.interval)).collect() }
+        Mode { format: pixels, size, rates: intervals.iter().filter_map(|of| rates(&of.interval)).collect() }
     };
     sizes.into_iter().map(mode).collect()
 }
@@ -349,10 +364,7 @@ pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureErr
     GUARDED.set(before);
     outcome.unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-        let path = path.display();
-        let reason = text.unwrap_or("without a message");
-        let fault = format!("returned a value that the kernel does not define ({reason})");
-        Err(CaptureError::Unusable(format!("the driver of {path} {fault}; use another camera")))
+        Err(CaptureError::undefined(&path.display(), text.unwrap_or("without a message")))
     })
 }
 

@@ -130,7 +130,7 @@ mod tests {
         let links = vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()];
         let modes = format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect();
         let card = card.to_owned();
-        Camera { node, card, driver, is_usb: number > 0, links, modes, other_formats: Vec::new() }
+        Camera { node, card, driver, is_usb: number > 0, links, modes, ..Camera::default() }
     }
 
     fn four() -> Vec<Camera> {

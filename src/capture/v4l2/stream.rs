@@ -15,29 +15,24 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rustix::io::Errno;
-use v4l::Device;
-use v4l::buffer::{Flags, Metadata, Type};
-use v4l::device::Handle;
-use v4l::io::mmap::Stream as MappedStream;
-use v4l::io::traits::{CaptureStream, Stream};
+use v4l::buffer::{Flags, Metadata};
+use v4l::io::traits::Stream;
 
 use super::super::{CaptureError, FrameFault};
+use super::device::{Buffers, Device, Waker};
 use super::probe::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
 pub(super) const BUFFERS: u32 = 4;
-/// Flag of `poll` for a buffer that can be dequeued.
-const READABLE: i16 = 1;
 /// Time limit for the first frame. Exposure, USB bandwidth and sleeping hubs can delay it.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
 /// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
 /// Maps the buffers, starts the camera and discards the first frame, because some drivers deliver an old one.
-pub(super) fn start(device: &Device, path: &Path) -> Result<MappedStream<'static>, CaptureError> {
+pub(super) fn start(device: &Device, path: &Path) -> Result<Buffers, CaptureError> {
     let fail = |error| CaptureError::device(path, "starting it", error);
-    let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
-    mapped.set_timeout(START_TIMEOUT);
+    let mut mapped = device.map(BUFFERS, START_TIMEOUT).map_err(fail)?;
     if let Err(error) = mapped.next().map(|_| ()) {
         release(mapped, path)?;
         // The error of the v4l crate for a camera that sends nothing has no number. That of a driver has one.
@@ -49,7 +44,7 @@ pub(super) fn start(device: &Device, path: &Path) -> Result<MappedStream<'static
 
 /// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked. A camera that was unplugged
 /// counts as stopped.
-pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
+pub(super) fn release<S: Stream + ?Sized>(mut mapped: Box<S>, path: &Path) -> Result<(), CaptureError> {
     let is_interrupted = |error: &io::Error| error.kind() == io::ErrorKind::Interrupted;
     let mut outcome = mapped.stop();
     for _ in 1..STOP_ATTEMPTS {
@@ -71,9 +66,9 @@ pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), Captu
     Ok(())
 }
 
-pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
+pub(super) fn wait(waker: &Waker, timeout: Duration) -> Result<(), CaptureError> {
     let deadline = Instant::now() + timeout;
-    while !is_ready(handle, deadline.saturating_duration_since(Instant::now()))? {
+    while !is_ready(waker, deadline.saturating_duration_since(Instant::now()))? {
         if Instant::now() >= deadline {
             return Err(CaptureError::stalled(timeout));
         }
@@ -82,10 +77,10 @@ pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureErro
 }
 
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.
-pub(super) fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
+pub(super) fn is_ready(waker: &Waker, timeout: Duration) -> Result<bool, CaptureError> {
     // Rounded up, so that the last fraction of a millisecond is not spent in a busy loop.
     let timeout_ms = i32::try_from(timeout.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
-    match handle.poll(READABLE, timeout_ms) {
+    match waker.poll(timeout_ms) {
         Ok(ready) => Ok(ready > 0),
         Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(false),
         Err(error) => Err(failed_stream(&error)),
@@ -176,7 +171,7 @@ mod tests {
         ] {
             let dropped = Cell::new(false);
             let stream = Stoppable { errors: errors.iter(), dropped: &dropped };
-            let sentence = release(stream, Path::new("/dev/video7")).map_err(|error| error.to_string());
+            let sentence = release(Box::new(stream), Path::new("/dev/video7")).map_err(|error| error.to_string());
             assert_eq!((sentence.is_ok(), dropped.get()), (stops, stops), "{what}");
             let remedy =
                 |text: String| text.contains("/dev/video7 cannot be stopped") && text.contains("start this program");

@@ -21,8 +21,8 @@ fail() {
 # Prints the version in Cargo.toml.
 version_in_cargo() { sed -n 's/^version = "\(.*\)"/\1/p' "$root/Cargo.toml" | head -n 1; }
 
-# version_of_commit: prints the version of the last commit, whose time SOURCE_DATE_EPOCH gives: that of Cargo.toml for a commit with
-# the tag vVERSION, and without git; otherwise VERSION~TIME.COMMIT, which is older than VERSION, with what tells changed files.
+# Prints the version of the last commit, whose time SOURCE_DATE_EPOCH gives: that of Cargo.toml for a commit with the tag
+# vVERSION, and without git; otherwise VERSION~TIME.COMMIT, which is older than VERSION, and +modified for changed files.
 version_of_commit() {
     local version commit
     version=$(version_in_cargo)

@@ -46,8 +46,9 @@ with_progress() {
 }
 
 # What apt prints, whether as an error or as a warning, when it reaches no server.
-unreachable='Temporary failure resolving|Could not resolve|Something wicked happened resolving|[Cc]ould not connect|Unable to connect'
-unreachable+='|Cannot initiate the connection|Connection (failed|refused|timed out)|Network is unreachable|response from proxy'
+unreachable='Temporary failure resolving|Could not resolve|Something wicked happened resolving|[Cc]ould not connect'
+unreachable+='|Unable to connect|Cannot initiate the connection|Connection (failed|refused|timed out)|Network is unreachable'
+unreachable+='|response from proxy'
 # Whether apt_get has found that apt reaches no server.
 is_offline=''
 
@@ -90,7 +91,7 @@ apt_install() {
     is_offline=''
     apt_get update || say 'apt-get update failed; trying with the lists at hand'
     apt_get "${command[@]:1}" && return
-    [[ -z $is_offline ]] || fail "could not install $*, because apt reaches no server: is this machine online? Behind a proxy, set \
-http_proxy. Then try again, or by hand: ${command[*]}"
+    [[ -z $is_offline ]] || fail "could not install $*, because apt reaches no server: is this machine online? \
+Behind a proxy, set http_proxy. Then try again, or by hand: ${command[*]}"
     fail "could not install $*: the lines above say why. By hand: ${command[*]}"
 }

@@ -1,5 +1,5 @@
-"""scripts/release refuses in seconds what could not be released, and otherwise puts everything into one folder. Stand-ins replace
-what it builds."""
+"""scripts/release refuses in seconds what could not be released, and otherwise puts everything into one folder. Stand-ins
+replace the programs that build."""
 
 import os
 import pathlib
@@ -10,7 +10,22 @@ import tempfile
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-CHANGELOG = "# Changelog\n\n## Unreleased\n\n- Not yet.\n\n## [1.2.3] - 2026-01-02\n\n### Added\n\n- A face.\n\n## 1.2.2\n\n- Older.\n"
+CHANGELOG = """# Changelog
+
+## Unreleased
+
+- Not yet.
+
+## [1.2.3] - 2026-01-02
+
+### Added
+
+- A face.
+
+## 1.2.2
+
+- Older.
+"""
 # What each program of the release does in place of building. The first line of all says that it ran.
 STAND_INS = {
     "scripts/setup": "",
@@ -137,7 +152,8 @@ class Release(unittest.TestCase):
 
     def test_a_commit_without_the_tag_is_refused_but_for_a_trial(self):
         self.git("tag", "--delete", "v1.2.3")
-        self.assert_refused("this commit has no tag v1.2.3: git tag --annotate v1.2.3. For a trial release: scripts/release --untagged\n")
+        remedy = "git tag --annotate v1.2.3. For a trial release: scripts/release --untagged"
+        self.assert_refused(f"this commit has no tag v1.2.3: {remedy}\n")
         run = self.release("--untagged")
         self.assertEqual(run.returncode, 0, run)
         (folder,) = (self.root / "target").glob("release-*")
@@ -159,7 +175,7 @@ class Release(unittest.TestCase):
         self.write("Cargo.toml", '[workspace.package]\nversion = "1.2.4"\n')
         self.commit()
         self.git("tag", "v1.3.0")
-        sentence = "this commit has the tag v1.3.0, but the version in Cargo.toml is 1.2.4: set it to 1.3.0, commit, and move the tag"
+        sentence = "this commit has the tag v1.3.0, but the version in Cargo.toml is 1.2.4: set it to 1.3.0, commit, and move"
         self.assert_refused(sentence)
         self.assert_refused(sentence, "--untagged")
 
@@ -184,16 +200,17 @@ class Release(unittest.TestCase):
             self.write("CHANGELOG.md", text)
             self.commit()
             self.git("tag", "--force", "v1.2.3")
-            self.assert_refused("CHANGELOG.md says nothing about 1.2.3: write a heading '## 1.2.3 - DATE' over its changes, and commit\n")
+            remedy = "write a heading '## 1.2.3 - DATE' over its changes, and commit"
+            self.assert_refused(f"CHANGELOG.md says nothing about 1.2.3: {remedy}\n")
 
     def test_versions_that_cargo_refuses_are_found_before_anything_is_built(self):
         self.stand_in("bin/cargo", "echo 'error: cannot update the lock file' >&2; exit 101")
-        sentence = "Cargo.lock does not fit the versions in the files Cargo.toml: run cargo check, and commit Cargo.lock. Cargo says:"
-        self.assert_refused(f"{sentence}\nerror: cannot update the lock file\n")
+        remedy = "run cargo check, and commit Cargo.lock. Cargo says:\nerror: cannot update the lock file\n"
+        self.assert_refused(f"Cargo.lock does not fit the versions in the files Cargo.toml: {remedy}")
 
     def test_a_full_disk_is_found_before_anything_is_built(self):
         self.stand_in("bin/df", "echo Avail; echo 7999999999")
-        self.assert_refused(f"{self.root}/target has 7 GB of free space, but a release takes up to 8 GB: free some, or name a folder")
+        self.assert_refused(f"{self.root}/target has 7 GB of free space, but a release takes up to 8 GB: free some, or name")
 
     def test_a_release_that_is_there_stays(self):
         folder = self.root / "target/release-1.2.3"

@@ -18,6 +18,22 @@ fail() {
     exit 1
 }
 
+# Prints the version in Cargo.toml.
+version_in_cargo() { sed -n 's/^version = "\(.*\)"/\1/p' "$root/Cargo.toml" | head -n 1; }
+
+# Prints the version of the last commit, whose time SOURCE_DATE_EPOCH gives: that of Cargo.toml for a commit with the tag
+# vVERSION, and without git; otherwise VERSION~TIME.COMMIT, which is older than VERSION, and +modified for changed files.
+version_of_commit() {
+    local version commit
+    version=$(version_in_cargo)
+    commit=$(git -C "$root" rev-parse --short=8 HEAD 2>/dev/null) || commit=''
+    if [[ -n $commit && -z $(git -C "$root" tag --points-at HEAD --list "v$version") ]]; then
+        version+="~$(date --utc --date="@$SOURCE_DATE_EPOCH" +%Y%m%d%H%M%S).$commit"
+        [[ -z $(git -C "$root" status --porcelain --untracked-files=no) ]] || version+=+modified
+    fi
+    echo "$version"
+}
+
 # describe ARCHITECTURE: sets the names that Rust, GNU and Debian use for an architecture, and the folders of its files.
 # Fails if facewire is not built for it.
 describe() {

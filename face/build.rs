@@ -5,7 +5,7 @@ use std::{env, error::Error, fs, path::Path};
 
 use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 
-const MODEL: &str = "../models/blendshapes.toml";
+const MODEL: &str = "models/blendshapes.toml";
 /// As in `src/track/landmarks.rs`. If they differ, the test that compares the bytes with the file fails.
 const LANDMARKS: usize = 478;
 

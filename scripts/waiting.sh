@@ -45,21 +45,37 @@ with_progress() {
     return "$status"
 }
 
+# What apt prints, whether as an error or as a warning, when it reaches no server.
+unreachable='Temporary failure resolving|Could not resolve|Something wicked happened resolving|[Cc]ould not connect'
+unreachable+='|Unable to connect|Cannot initiate the connection|Connection (failed|refused|timed out)|Network is unreachable'
+unreachable+='|response from proxy'
+# Whether apt_get has found that apt reaches no server.
+is_offline=''
+
 # apt_get ARGUMENT...: runs apt-get as root. While another package manager holds one of its locks, says so and tries again,
 # because apt's DPkg::Lock::Timeout does not cover the locks of the package lists and of the downloads.
 apt_get() {
-    local become=() log status tries holder
+    local become=() proxies=() log status tries holder begin=$SECONDS said=$SECONDS
     ((EUID == 0)) || become=(sudo)
+    # sudo passes no variables on.
+    [[ -z ${http_proxy:-} ]] || proxies+=("http_proxy=$http_proxy")
+    [[ -z ${https_proxy:-} ]] || proxies+=("https_proxy=$https_proxy")
     log=$(mktemp)
     for ((tries = 0; tries < 120; tries++)); do
         status=0
-        watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C apt-get --quiet=2 "$@" || status=$?
+        watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C "${proxies[@]}" apt-get --quiet=2 "$@" || status=$?
         holder=''
         ((status == 0)) || holder=$(grep -m 1 'Could not get lock\|is another process using it\|locked by another process' "$log") || true
         [[ -n $holder ]] || break
-        ((tries > 0)) || say "another package manager is at work: waiting for it (${holder#E: })"
+        if ((tries == 0)); then
+            say "another package manager is at work: waiting for it (${holder#E: })"
+        elif ((SECONDS - said >= ${progress_s%.*})); then
+            say "waiting for the other package manager: for $((SECONDS - begin)) s now (${holder#E: })"
+            said=$SECONDS
+        fi
         sleep 5
     done
+    ! grep -qE "$unreachable" "$log" || is_offline=yes
     [[ $status == 0 || -n $holder ]] || tail -n 5 "$log" >&2
     rm -f "$log"
     [[ -z $holder ]] || fail "another package manager has been at work for ten minutes (${holder#E: }): try again when it has ended"
@@ -72,7 +88,10 @@ apt_install() {
     command -v apt-get >/dev/null || fail "missing, by their Debian names: $*"
     ((EUID == 0)) || command -v sudo >/dev/null || fail "missing: $*. As root: ${command[*]}"
     say "installing $*"
+    is_offline=''
     apt_get update || say 'apt-get update failed; trying with the lists at hand'
-    apt_get "${command[@]:1}" || fail "could not install $*: is this machine online? Behind a proxy, set http_proxy. \
-By hand: ${command[*]}"
+    apt_get "${command[@]:1}" && return
+    [[ -z $is_offline ]] || fail "could not install $*, because apt reaches no server: is this machine online? \
+Behind a proxy, set http_proxy. Then try again, or by hand: ${command[*]}"
+    fail "could not install $*: the lines above say why. By hand: ${command[*]}"
 }

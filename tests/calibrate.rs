@@ -138,8 +138,24 @@ fn without_a_face_the_command_says_what_it_waits_for_and_makes_no_profile() {
     let run = Run::of(folders.calibrate(&[]).args(["--config", text(file.path())]));
     assert!(run.out.contains("waiting. No face is in the picture"), "{run:?}");
     let sentences = run.sentences(1);
-    assert!(sentences.last().unwrap().starts_with("no profile was made, and the former one stays. No face"));
+    assert!(sentences.last().unwrap().starts_with("no profile was made, and any former one stays. No face"));
+    let last = run.out.lines().last().unwrap();
+    assert!(last.ends_with(": ended without a profile") && !run.out.contains(": done"), "{run:?}");
     assert_eq!(fs::read_to_string(folders.profiles().join("anna.toml")).unwrap(), PROFILE);
+}
+
+#[test]
+fn a_few_damaged_frames_are_not_told_as_a_camera_without_pictures() {
+    let folders = Folders::new();
+    let file = settings(&folders.settings("rehearsal: live 1, damaged 0.3, no-face 600", "anna"));
+    let mut command = folders.calibrate(&["--config", text(file.path())]);
+    let mut client = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let lines = BufReader::new(client.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let mut told: Vec<String> = lines.take_while(|line| !line.contains("No face is in the picture")).collect();
+    client.kill().unwrap();
+    client.wait().unwrap();
+    told.retain(|line| line.contains("No picture"));
+    assert!(told.is_empty(), "{told:?}");
 }
 
 #[test]

@@ -22,6 +22,9 @@ use tempfile::TempDir;
 const HELD: &str = "E: Could not get lock /var/lib/apt/lists/lock. It is held by process 4711 (unattended-upgr)";
 const WAITS: &str = "setup: another package manager is at work: waiting for it (Could not get lock /var/lib/apt/lists/lock. \
                      It is held by process 4711 (unattended-upgr))\n";
+/// What `apt-get update` prints without a network. It succeeds nevertheless.
+const UNREACHED: &str =
+    "W: Failed to fetch http://deb.debian.org/debian/dists/bookworm/InRelease  Temporary failure resolving";
 
 /// A machine on which only stand-ins and the programs of the base system are installed. Only one exists at a time: a process
 /// that one test starts inherits the files that another test is writing, and the system runs no program that is open for
@@ -35,8 +38,8 @@ static ONE_MACHINE: Mutex<()> = Mutex::new(());
 
 impl Machine {
     /// A machine that has everything that a build needs except cmake. Its `apt-get` installs cmake, unless the file `held`
-    /// (another package manager is at work) or the file `offline` (there is no network) exists. It appends its arguments to
-    /// the file `asked`.
+    /// (another package manager is at work), `offline` (there is no network) or `broken` (packages contradict each other)
+    /// exists. It appends its arguments to the file `asked`.
     fn new() -> Self {
         let one = ONE_MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
         let machine = Self { folder: tempfile::tempdir().unwrap(), _one: one };
@@ -57,7 +60,10 @@ impl Machine {
         let apt = format!(
             "cd {folder}; echo \"$@\" >>asked\n\
              if [ -e held ]; then echo '{HELD}' >&2; exit 100; fi\n\
-             if [ -e offline ]; then echo 'E: Failed to fetch http://deb.debian.org/' >&2; exit 100; fi\n\
+             if [ -e offline ]; then\n\
+             case \"$*\" in *update*) echo '{UNREACHED}' >&2; exit 0 ;; esac\n\
+             echo 'E: Unable to locate package cmake' >&2; exit 100; fi\n\
+             if [ -e broken ]; then echo 'E: You have held broken packages.' >&2; exit 100; fi\n\
              case \"$*\" in *install*cmake*) ln -s nasm bin/cmake ;; esac",
             folder = text(machine.folder.path()),
         );
@@ -114,12 +120,30 @@ fn setup_waits_while_another_package_manager_is_at_work_and_says_so_once() {
 }
 
 #[test]
-fn a_package_manager_that_never_ends_is_told_from_a_machine_that_is_offline() {
+fn a_long_wait_for_another_package_manager_is_told_again_with_its_time() {
+    let machine = Machine::new();
+    machine.file("held");
+    let ends = "cd FOLDER; echo waited >>waits; [ \"$(grep -c . waits)\" -lt 3 ] || rm -f held";
+    machine.stand_in("sleep", &ends.replace("FOLDER", text(machine.folder.path())));
+    let run = Run::of(machine.setup("system").env("FACEWIRE_PROGRESS_S", "0.05")).succeeded();
+    let again = "setup: waiting for the other package manager: for ";
+    assert_eq!(run.out.lines().filter(|line| line.starts_with(again)).count(), 2, "{run:?}");
+}
+
+#[test]
+fn a_package_manager_that_never_ends_is_told_from_a_machine_that_is_offline_and_from_other_trouble() {
     let machine = Machine::new();
     machine.stand_in("sleep", "");
+    machine.file("broken");
+    let run = Run::of(&mut machine.setup("system"));
+    let sentence = "setup: could not install cmake: the lines above say why. By hand: apt-get";
+    assert!(run.status == Some(1) && run.err.contains("E: You have held broken packages."), "{run:?}");
+    assert!(run.err.contains(sentence), "{run:?}");
     machine.file("offline");
     let run = Run::of(&mut machine.setup("system"));
-    assert!(run.status == Some(1) && run.err.contains("could not install cmake: is this machine online?"), "{run:?}");
+    let sentence =
+        "setup: could not install cmake, because apt reaches no server: is this machine online? Behind a proxy, set";
+    assert!(run.status == Some(1) && run.err.contains(sentence), "{run:?}");
     assert!(!run.out.contains("another package manager"), "{run:?}");
     machine.file("held");
     let run = Run::of(&mut machine.setup("system"));

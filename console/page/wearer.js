@@ -91,14 +91,14 @@ function Guide({ progress }) {
     "get-ready": "Get ready.",
     wait: waits ? REFUSALS[waits] : "Take the pose.",
     measure: "Hold it.",
-    ended: "Done.",
+    ended: waits ? "Ended without a profile." : "Done.",
   }[phase];
   return html`<section class="panel guide" aria-label="Calibration">
     <div class="pictures"><${Picture} hidesControls /><${Head} raised=${raised} /></div>
     <div>
       <p class="dim">Pose ${Math.min(done + 1, of)} of ${of}</p>
       <h3 aria-live="polite">${instruction}</h3>
-      <p role="status" class=${phase === "wait" ? "state-warn" : "state-good"}>${what}</p>
+      <p role="status" class=${phase === "wait" || (phase === "ended" && waits) ? "state-warn" : "state-good"}>${what}</p>
       ${raised.length > 0 && html`<${Meter} label="How strongly the pose is seen" value=${seen} />`}
       <${Meter} label="How much is measured" value=${measured} />
       ${last && html`<p

@@ -272,7 +272,7 @@ pub struct Progress {
     pub measured: f32,
     /// How strongly the pose is seen, 1 being enough; 0 in the neutral take.
     pub seen: f32,
-    /// Why the guide waits.
+    /// Why the guide waits or, at the end, why it has made no profile.
     pub waits_for: Option<Refusal>,
     /// Number of refused takes.
     pub refused: u32,
@@ -396,7 +396,7 @@ impl Refusal {
     /// The sentence with which a calibration ends that came to nothing.
     #[must_use]
     pub fn end(self) -> String {
-        format!("no profile was made, and the former one stays. {self}, and try again")
+        format!("no profile was made, and any former one stays. {self}, and try again")
     }
 }
 

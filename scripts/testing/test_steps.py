@@ -86,7 +86,7 @@ class Checkout(unittest.TestCase):
     def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
         self.step("build").command = "exit 3"
         ran = self.run_all()
-        lost = {"build", "unit", "documentation", "steps", "python", "try-arm64", "try-armhf", "guest-cases"}
+        lost = {"build", "unit", "documentation", "steps", "crates", "python", "try-arm64", "try-armhf", "guest-cases"}
         self.assertEqual(ran, {step.name for step in self.steps} - lost)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
         self.assertIn("== FAILED: build,", self.said[-2])

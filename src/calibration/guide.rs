@@ -113,7 +113,7 @@ impl Guide {
         stage.since_s += step_s;
         match View::new(&self.model, &self.takes, take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
-            Ok(_) if stage.since_s < value_for(READY_S, take) => {}
+            Ok(_) if stage.since_s < value_for(READY_S, take) => stage.waits_for = None,
             Ok(mut view) => {
                 let last = stage.strength.unwrap_or(view.strength_now);
                 view.strength = last + (1.0 - (-step_s / SMOOTHING_S).exp()) * (view.strength_now - last);
@@ -138,7 +138,7 @@ impl Guide {
             phase,
             measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(value_for(MEASURE_S, take))),
             seen: self.stage.seen,
-            waits_for: self.stage.waits_for,
+            waits_for: self.outcome.as_ref().map_or(self.stage.waits_for, |outcome| outcome.as_ref().err().copied()),
             refused: self.calibration.refused,
             last_refusal: self.last_refusal,
         }
@@ -198,9 +198,16 @@ impl Guide {
                 Some(()) => self.go_on(),
                 None => self.leave_out(take, Refusal::NoFace),
             }
-        } else if self.stage.tried_s > value_for(PATIENCE_S, take) && self.stage.tried_frames > PATIENCE_FRAMES {
-            self.leave_out(take, self.stage.waits_for.or(self.last_refusal).unwrap_or(Refusal::NotSeen));
+        } else if self.is_given_up(take) {
+            let why = if view.is_blink(take) { Some(Refusal::EyesShut) } else { self.stage.waits_for };
+            self.leave_out(take, why.unwrap_or(Refusal::NotSeen));
         }
+    }
+
+    /// Whether the time for the take is over. A hold that has begun may end.
+    fn is_given_up(&self, take: Take) -> bool {
+        let Stage { tried_s, tried_frames, hold, .. } = &self.stage;
+        hold.is_none() && *tried_s > value_for(PATIENCE_S, take) && *tried_frames > PATIENCE_FRAMES
     }
 
     fn hold(&mut self, take: Take, view: &View<'_>, step_s: f32) {

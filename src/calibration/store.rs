@@ -71,7 +71,7 @@ fn unreadable(path: &Path, error: &io::Error) -> StoreError {
 fn unwritable(path: &Path, error: &io::Error) -> StoreError {
     let path = path.display();
     let remedy = remedy(error);
-    StoreError::Unwritable(format!("cannot write {path}: {error}; {remedy}; the former profile stays"))
+    StoreError::Unwritable(format!("cannot write {path}: {error}; {remedy}; any former profile stays"))
 }
 
 fn remedy(error: &io::Error) -> &'static str {

@@ -29,7 +29,7 @@ Examples:
 
 It takes about 20 seconds: look into the camera, and do what the display asks for. A service that runs is asked, \
 because it holds the camera; its settings count then, and not those of --config. Otherwise the camera of the settings is \
-opened. Ctrl-C ends it, and the former profile stays. After the next start, the service uses the wearer that \
+opened. Ctrl-C ends it, and any former profile stays. After the next start, the service uses the wearer that \
 wearer.name of its settings names.";
 
 /// Time for which poor light must last before the guide waits for better light.
@@ -154,11 +154,14 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
     let mut guide = Guide::new(pipeline.solver.model.clone());
     let mut shown = None;
     let mut watch = Watch::new(HOLD_US);
+    let mut observed_us = monotonic_us();
     loop {
         if let Some(outcome) = guide.outcome() {
             return outcome.map_err(|refusal| Failure::failed(refusal.end()));
         }
         let observation = match camera.next()? {
+            // A few damaged frames are no silence.
+            None if monotonic_us().saturating_sub(observed_us) as f32 / 1e6 <= guide.gap_s() => continue,
             None => Observation::nothing(monotonic_us()),
             Some(frame) => {
                 let processed = pipeline.process(&frame);
@@ -170,6 +173,7 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
                 observation
             }
         };
+        observed_us = monotonic_us();
         guide.update(&observation);
         show(&guide.progress(), &mut shown)?;
     }
@@ -203,7 +207,8 @@ fn lines(progress: &Progress) -> [String; 3] {
     let refused = refused.unwrap_or_default();
     let state = match (phase, progress.waits_for) {
         (Phase::Measure, _) => "hold it".to_owned(),
-        (Phase::Ended, _) => "done".to_owned(),
+        (Phase::Ended, None) => "done".to_owned(),
+        (Phase::Ended, Some(_)) => "ended without a profile".to_owned(),
         (_, Some(why)) => format!("waiting. {why}"),
         (Phase::GetReady, None) => "get ready".to_owned(),
         (Phase::Wait, None) => "waiting".to_owned(),

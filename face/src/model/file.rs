@@ -419,7 +419,7 @@ pub(super) fn finite(entry: &str, number: f64) -> Result<f32, ModelError> {
 pub(super) mod tests {
     use super::*;
 
-    const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
+    const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
 
     /// The shipped file, with an appearance table whose weights, read as one list, count from -128 to 127 again and again.
     fn file() -> ModelFile {

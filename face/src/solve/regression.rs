@@ -113,7 +113,7 @@ mod tests {
     use crate::testing::face;
     use crate::track::Face;
 
-    const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
+    const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
     const CHEEK_PUFF: usize = 46;
 
     #[test]

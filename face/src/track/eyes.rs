@@ -17,7 +17,7 @@ pub type EyePicture = [f32; EYE_SIDE * EYE_SIDE];
 /// The network's values for the right eye and for the left one.
 pub type EyeValues = [[f32; EYE_VALUES]; 2];
 
-const FILE: &[u8] = include_bytes!("../../../models/eyes.fwnet");
+const FILE: &[u8] = include_bytes!("../../models/eyes.fwnet");
 
 /// Corners of the right eye, and of the left.
 const CORNERS: [[usize; 2]; 2] = [[33, 133], [362, 263]];

@@ -179,6 +179,54 @@ fn poses_are_taken_again_or_left_out_with_the_reason() {
 }
 
 #[test]
+fn a_hindrance_that_is_over_is_not_named_any_more() {
+    for hindrance in [Refusal::NoPicture, Refusal::NoFace] {
+        let progress =
+            |frames| show(frames, |frame| if frame < 10 { Err(hindrance) } else { shows([0.0; 3], &[]) }).progress();
+        assert_eq!(progress(10).waits_for, Some(hindrance));
+        let now = progress(11);
+        assert_eq!((now.phase, now.waits_for), (Phase::GetReady, None));
+    }
+}
+
+#[test]
+fn the_end_names_its_reason_if_there_is_no_profile_and_none_if_there_is_one() {
+    let end = |act: fn(Take) -> Sight| {
+        let mut guide = guide();
+        let (outcome, _) = follow(&mut guide, frames_from(0), |take, _| act(take));
+        let progress = guide.progress();
+        assert_eq!(progress.phase, Phase::Ended);
+        (outcome.err(), progress.waits_for)
+    };
+    assert_eq!(end(|_| Err(Refusal::NoPicture)), (Some(Refusal::NoPicture), Some(Refusal::NoPicture)));
+    assert_eq!(end(|take| pose(take, 0.8)), (None, None));
+}
+
+#[test]
+fn a_pose_is_left_out_for_its_own_reason_and_not_for_that_of_an_earlier_failure() {
+    let mut guide = guide();
+    let mut frames = 0;
+    let (outcome, _) = follow(&mut guide, frames_from(0), |take, _| {
+        frames += 1;
+        match take {
+            // The camera fails while the first take is held.
+            Take::Neutral if (40..50).contains(&frames) => Err(Refusal::NoPicture),
+            Take::JawOpen => shows([0.0; 3], &[("jawOpen", 0.8), ("eyeBlinkLeft", 0.9), ("eyeBlinkRight", 0.9)]),
+            _ => pose(take, 0.8),
+        }
+    });
+    assert_eq!(guide.last_refusal, Some(Refusal::NoPicture));
+    assert_eq!(outcome.unwrap().left_out, [(Take::JawOpen, Refusal::EyesShut)]);
+}
+
+#[test]
+fn a_pose_that_is_held_when_its_time_is_over_is_taken() {
+    let begins_late = |take, since_s| pose(take, if take == Take::BrowsUp && since_s < 5.3 { 0.0 } else { 0.8 });
+    let (outcome, _) = follow(&mut guide(), frames_from(0), begins_late);
+    assert_eq!(outcome.unwrap().taken, Take::ALL);
+}
+
+#[test]
 fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeated() {
     let mut guide = guide();
     let mut neutrals = 0;

@@ -19,7 +19,7 @@ use crate::service::{DISK_PATIENCE, Loader};
 /// Least time between two messages of progress that differ only in the bars, microseconds.
 const PROGRESS_US: u64 = 60_000;
 const MODEL_CHANGED: &str =
-    "no profile was made, and the former one stays. The blendshape model has changed: try again";
+    "no profile was made, and any former one stays. The blendshape model has changed: try again";
 
 pub(super) struct Calibrating {
     wearer: WearerName,

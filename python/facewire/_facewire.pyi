@@ -1,5 +1,5 @@
 import os
-from typing import Any, Dict, List, Literal, Optional, Tuple, Union
+from typing import Any, Dict, Iterator, List, Literal, Mapping, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ Path = Union[str, "os.PathLike[str]"]
 
 class FacewireError(Exception): ...
 
-class Face:
+class Face(Mapping[str, float]):
     @property
     def id(self) -> int: ...
     @property
@@ -34,6 +34,9 @@ class Face:
     @property
     def score(self) -> float: ...
     def __getitem__(self, name: str) -> float: ...
+    def __iter__(self) -> Iterator[str]: ...
+    def __len__(self) -> int: ...
+    def __hash__(self) -> int: ...
 
 class FaceTracker:
     def __new__(

@@ -1,12 +1,16 @@
 """The promises of the Python package. FACEWIRE_EXACT names a folder in which the example `exact` has written a folder for each film."""
 
+import collections.abc
+import copy
 import csv
 import fractions
 import gc
 import importlib.metadata
 import itertools
+import multiprocessing
 import os
 import pathlib
+import pickle
 import resource
 import struct
 import subprocess
@@ -74,6 +78,11 @@ def write_film(path, times_ms, quarters):
     pathlib.Path(path).write_bytes(content)
 
 
+def send_back(face, queue):
+    """Runs in another process."""
+    queue.put(face)
+
+
 class Results(unittest.TestCase):
     def test_all_values_are_those_of_the_rust_crate_and_of_facewire_track_to_the_last_bit(self):
         for folder in sorted(EXACT.iterdir()):
@@ -108,11 +117,61 @@ class Results(unittest.TestCase):
         self.assertIs(face.landmarks, face.landmarks)
         self.assertEqual(list(face.blendshapes), list(facewire.BLENDSHAPES))
         self.assertEqual(face["jawOpen"], face.blendshapes["jawOpen"])
-        with self.assertRaises(KeyError):
-            face["smile"]
         self.assertTrue(all(abs(angle) < 90 for angle in face.yaw_pitch_roll_deg))
-        face.landmarks[:] = 0
         self.assertIn("Face", repr(face))
+
+    def test_the_arrays_of_a_face_cannot_be_written_and_copies_of_them_can(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        for array in (face.coefficients, face.landmarks):
+            with self.assertRaisesRegex(ValueError, "read-only"):
+                array[:] = 0
+            array.copy()[:] = 0
+        self.assertGreater(face.landmarks.max(), 0)
+
+    def test_a_face_is_a_mapping_from_names_to_coefficients(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        self.assertIsInstance(face, collections.abc.Mapping)
+        self.assertEqual((list(face), len(face)), (list(facewire.BLENDSHAPES), 52))
+        self.assertEqual(list(face.keys()), list(facewire.BLENDSHAPES))
+        self.assertEqual(list(face.values()), face.coefficients.tolist())
+        self.assertEqual(list(face.items()), list(face.blendshapes.items()))
+        self.assertEqual(dict(face), face.blendshapes)
+        self.assertEqual({**face}, face.blendshapes)
+        self.assertTrue("jawOpen" in face and "smile" not in face and 3 not in face)
+        self.assertEqual(face.get("jawOpen"), face["jawOpen"])
+        self.assertEqual((face.get("smile"), face.get("smile", 0.5)), (None, 0.5))
+
+    def test_an_unknown_name_of_a_coefficient_is_a_key_error_with_the_nearest_name(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        for given, meant in [("jawopen", "jawOpen"), ("eye_blink_left", "eyeBlinkLeft"), ("mouthSmielRight", "mouthSmileRight")]:
+            with self.assertRaisesRegex(KeyError, rf"{given} is not a blendshape; did you mean {meant}\?"):
+                face[given]
+        with self.assertRaisesRegex(KeyError, "xyz is not a blendshape; facewire.BLENDSHAPES has all names"):
+            face["xyz"]
+
+    def test_a_face_can_be_copied_pickled_and_sent_to_another_process_and_stays_equal(self):
+        tracker = facewire.FaceTracker(stills=True)
+        face, other = tracker.process(PICTURE), tracker.process(bgr(1))
+        copies = [copy.copy(face), copy.deepcopy(face)]
+        copies += [pickle.loads(pickle.dumps(face, protocol)) for protocol in range(pickle.HIGHEST_PROTOCOL + 1)]
+        queue = multiprocessing.get_context("spawn").Queue()
+        process = multiprocessing.get_context("spawn").Process(target=send_back, args=(face, queue))
+        process.start()
+        copies.append(queue.get(timeout=120))
+        process.join()
+        for same in copies:
+            self.assertEqual((same, hash(same), repr(same)), (face, hash(face), repr(face)))
+            for name in ("id", "blendshapes", "yaw_pitch_roll_deg", "rotation_xyzw", "position_mm", "gaze_yaw_pitch_deg", "neutral", "score"):
+                self.assertEqual(getattr(same, name), getattr(face, name), name)
+            self.assertEqual(same.landmarks.tobytes(), face.landmarks.tobytes())
+            self.assertFalse(same.landmarks.flags.writeable)
+        self.assertNotEqual(face, other)
+        self.assertNotEqual(face, face.blendshapes)
+        facewire.FaceTracker().set_neutral(copies)
+        restore, values = face.__reduce__()
+        for place, wrong in [(1, face.landmarks[:3]), (2, face.coefficients[:3]), (6, "maybe")]:
+            with self.assertRaises(ValueError):
+                restore(*values[:place], wrong, *values[place + 1:])
 
     def test_any_strides_and_orders_of_one_picture_give_one_face(self):
         import PIL.Image

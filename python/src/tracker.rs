@@ -103,11 +103,10 @@ impl FaceTracker {
         time: Option<f64>,
         format: Option<&str>,
     ) -> PyResult<Option<Face>> {
-        // The one that has been followed longest comes first.
-        Ok(self.process_all(py, frame, time, format)?.into_iter().min_by_key(|face| face.found.id))
+        Ok(self.process_all(py, frame, time, format)?.into_iter().next())
     }
 
-    /// Returns all faces in a picture, like `process`.
+    /// Returns all faces in a picture, like `process`. The one that has been followed longest comes first.
     #[pyo3(signature = (frame, time=None, *, format=None))]
     fn process_all(
         &self,
@@ -126,7 +125,8 @@ impl FaceTracker {
         let samples = frame.samples(memory);
         let picture = frame.picture(samples).map_err(|error| exception(&error))?;
         let found = py.detach(|| Ok(tracker.process_all(&picture, time)?.cloned().collect::<Vec<_>>()));
-        let found = found.map_err(|error| exception(&error))?;
+        let mut found = found.map_err(|error| exception(&error))?;
+        found.sort_by_key(|face| face.id);
         found.into_iter().map(|face| Face::new(py, face)).collect()
     }
 

@@ -248,6 +248,25 @@ class Results(unittest.TestCase):
         with without("av"), without("cv2"), self.assertRaises(facewire.FacewireError):
             list(facewire.track(DEMO))
 
+    def test_a_video_of_two_people_is_tracked_with_both_and_one_of_one_person_as_before(self):
+        pair = [numpy.hstack([bgr(number), bgr(number + 20)]) for number in range(4)]
+        pictures = [(number / 30, picture) for number, picture in enumerate([*pair, numpy.zeros_like(PICTURE)])]
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            both = list(facewire.track(DEMO, max_faces=2))
+            first = list(facewire.track(DEMO))
+        self.assertEqual([len(frame.faces) for frame in both], [2, 2, 2, 2, 0])
+        self.assertEqual([len(frame.faces) for frame in first], [1, 1, 1, 1, 0])
+        for frame in both[:4]:
+            number, time, face = frame
+            self.assertEqual((number, time, face), (frame.number, frame.time_s, frame.face))
+            self.assertIs(face, frame.faces[0])
+            self.assertEqual([face.id for face in frame.faces], [face.id for face in both[0].faces])
+            self.assertLess(frame.faces[0].id, frame.faces[1].id)
+        self.assertEqual((first[-1].face, first[-1].faces), (None, ()))
+        for frame in both:
+            again = pickle.loads(pickle.dumps(frame))
+            self.assertEqual((again, again.faces), (frame, frame.faces))
+
     def test_both_decoders_give_the_same_pictures_at_the_same_times_the_right_way_up(self):
         def times_ms(number):
             return 500 + 40 * number + 9 * (number % 3)

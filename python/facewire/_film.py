@@ -36,7 +36,8 @@ class TrackedFrame(_Frame):
 def track(film: Union[str, "os.PathLike[str]"], tracker: Optional[FaceTracker] = None, **options: Any) -> Iterator[TrackedFrame]:
     """Yields every frame of a video with its face, and with all its faces if the tracker follows several.
 
-    Without a tracker, one is made with these options (those of FaceTracker). It needs PyAV (`pip install av`) or OpenCV.
+    Without a tracker, one is made with these options (those of FaceTracker); a given one is reset first. It needs PyAV
+    (`pip install av`) or OpenCV.
 
         for number, time_s, face in facewire.track("video.mp4"): ...
         for frame in facewire.track("video.mp4", max_faces=2):
@@ -52,10 +53,13 @@ def track(film: Union[str, "os.PathLike[str]"], tracker: Optional[FaceTracker] =
 
 
 def _track(path: str, tracker: FaceTracker) -> Iterator[TrackedFrame]:
-    begun_s = None
+    tracker.reset()
+    begun_s, last_s = None, 0.0
     for number, (time_s, picture) in enumerate(_decode(path)):
         begun_s = time_s if begun_s is None else begun_s
-        time_s = max(time_s - begun_s, 0.0)
+        # In a video that was joined from several, times may begin anew. They go on from the last one then.
+        begun_s = min(begun_s, time_s - last_s)
+        time_s = last_s = time_s - begun_s
         faces = tracker.process_all(picture, time_s)
         yield TrackedFrame(number, time_s, faces[0] if faces else None, faces)
 

@@ -5,6 +5,7 @@
 
 mod face;
 mod frame;
+mod times;
 mod tracker;
 
 use facewire_library::{BLENDSHAPES, Error};

@@ -289,6 +289,61 @@ class Results(unittest.TestCase):
                 self.assertEqual([len(pictures) for pictures in both], [10, 10])
 
 
+class Times(unittest.TestCase):
+    def test_times_that_go_back_are_refused_until_a_reset(self):
+        tracker = facewire.FaceTracker()
+        for time_s in (1.0, 1.5, 1.5):
+            tracker.process(PICTURE, time_s)
+        with self.assertRaisesRegex(ValueError, r"time_s went back from 1.5 to 0.5: .*reset\(\) before another video"):
+            tracker.process(PICTURE, time_s=0.5)
+        self.assertIsNotNone(tracker.process(PICTURE, time_s=1.6))
+        tracker.reset()
+        self.assertIsNotNone(tracker.process(PICTURE, time_s=0.5))
+
+    def test_times_in_milliseconds_are_refused(self):
+        for step_ms in (1000 / 30, 1000 / 120):
+            tracker = facewire.FaceTracker()
+            with self.assertRaisesRegex(ValueError, "seems to be in milliseconds; divide it by 1000"):
+                for number in range(6):
+                    tracker.process(PICTURE, number * step_ms)
+            tracker.reset()
+            self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_long_gaps_after_a_beginning_without_are_no_fault(self):
+        tracker = facewire.FaceTracker()
+        for time_s in (0.0, 0.04, *range(100, 1000, 100)):
+            self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+    def test_a_picture_that_is_refused_leaves_no_time(self):
+        tracker = facewire.FaceTracker()
+        with self.assertRaises(ValueError):
+            tracker.process(PICTURE[None], 5.0)
+        self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_times_are_given_for_all_pictures_or_for_none(self):
+        tracker = facewire.FaceTracker()
+        tracker.process(PICTURE)
+        with self.assertRaisesRegex(ValueError, "give time_s for every picture or for none"):
+            tracker.process(PICTURE, 100.0)
+        self.assertIsNotNone(tracker.process(PICTURE))
+
+    def test_a_video_may_be_tracked_again_and_its_times_may_begin_anew(self):
+        pictures = [(time_s, PICTURE) for time_s in (2.0, 2.5, 3.0, 1.0, 1.25, 1.5)]
+        tracker = facewire.FaceTracker()
+        tracker.process(PICTURE)
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            first, second = (list(facewire.track(DEMO, tracker)) for _ in range(2))
+        for frames in (first, second):
+            self.assertEqual([frame.time_s for frame in frames], [0.0, 0.5, 1.0, 1.0, 1.25, 1.5])
+        for one, other in zip(first, second):
+            self.assertEqual(one.face.coefficients.tobytes(), other.face.coefficients.tobytes())
+
+    def test_the_times_of_stills_are_not_read(self):
+        tracker = facewire.FaceTracker(stills=True)
+        for time_s in (3.0, 1.0, None, 1e6, 2e6, 3e6, 4e6, 5e6, 6e6):
+            self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+
 class Faults(unittest.TestCase):
     def test_what_is_no_picture_is_an_exception(self):
         huge = numpy.lib.stride_tricks.as_strided(PICTURE, (5000, 8000, 3), (0, 0, 1))
@@ -306,8 +361,9 @@ class Faults(unittest.TestCase):
         for wanted, given in cases:
             with self.assertRaises(wanted):
                 tracker.process(given, 0.0)
-        for wanted, options in [(ValueError, {"format": "jpeg"}), (ValueError, {"format": "i420"}), (ValueError, {"time": -1.0}),
-                                (ValueError, {"time": float("nan")}), (ValueError, {"time": 1e300}), (TypeError, {"time": "now"})]:
+        for wanted, options in [(ValueError, {"format": "jpeg"}), (ValueError, {"format": "i420"}), (ValueError, {"time_s": -1.0}),
+                                (ValueError, {"time_s": float("nan")}), (ValueError, {"time_s": 1e300}),
+                                (TypeError, {"time_s": "now"}), (TypeError, {"time": 1.0})]:
             with self.assertRaises(wanted, msg=str(options)):
                 tracker.process(PICTURE, **options)
         self.assertIsNotNone(tracker.process(PICTURE, 0.0), "the tracker goes on")

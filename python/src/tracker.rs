@@ -97,11 +97,13 @@ impl FaceTracker {
 
     /// Returns the face in a picture, or None if there is none.
     ///
-    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV) or a picture of Pillow.
+    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV), or a picture of Pillow, which is turned as its EXIF
+    ///     orientation says. Landmarks are in pixels of the turned picture.
     /// time_s: when it was taken, seconds since any moment that stays the same. Without it, now, which is right for a camera whose
     ///     pictures are processed as they come, and wrong for a video: smoothing depends on the time between pictures. Give it for
     ///     all pictures or for none. Times must not go back; call `reset` before another video. Of stills, it is not read.
-    /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444.
+    /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444, in
+    ///     lower or upper case.
     ///
     /// Do not change the array in another thread meanwhile.
     #[pyo3(signature = (frame, time_s=None, *, format=None))]

@@ -6,6 +6,7 @@ import csv
 import fractions
 import gc
 import importlib.metadata
+import io
 import itertools
 import multiprocessing
 import os
@@ -206,6 +207,35 @@ class Results(unittest.TestCase):
         self.assertIsNotNone(facewire.FaceTracker().process(palette))
         self.assertIsNotNone(facewire.FaceTracker().process(PICTURE[:, :, 1]), "grey")
 
+    def test_a_grey_picture_of_pillow_is_read_as_grey(self):
+        import PIL.Image
+
+        luma = numpy.ascontiguousarray(FILM[0][:480])
+        wanted = facewire.FaceTracker(stills=True).process(luma)
+        for kind in (None, "grey", "rgb"):
+            found = facewire.FaceTracker(stills=True).process(PIL.Image.fromarray(luma), format=kind)
+            self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), kind)
+
+    def test_a_picture_of_pillow_is_turned_as_its_exif_orientation_says(self):
+        import PIL.Image
+
+        upright = PIL.Image.fromarray(numpy.ascontiguousarray(PICTURE[:, :, ::-1]))
+        wanted = facewire.FaceTracker(stills=True).process(upright)
+        # What the camera stored, for each orientation, of a picture that is upright when it is shown.
+        turned = {3: PIL.Image.ROTATE_180, 6: PIL.Image.ROTATE_90, 8: PIL.Image.ROTATE_270, 2: PIL.Image.FLIP_LEFT_RIGHT}
+        for orientation, turn in turned.items():
+            stored = io.BytesIO()
+            exif = PIL.Image.Exif()
+            exif[0x0112] = orientation
+            upright.transpose(turn).save(stored, "png", exif=exif)
+            found = facewire.FaceTracker(stills=True).process(PIL.Image.open(stored))
+            self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), orientation)
+
+    def test_names_of_formats_may_be_in_upper_case(self):
+        rgb = numpy.ascontiguousarray(PICTURE[:, :, ::-1])
+        found = facewire.FaceTracker(stills=True).process(rgb, format="RGB")
+        self.assertEqual(found, facewire.FaceTracker(stills=True).process(rgb, format="rgb"))
+
     def test_several_faces_and_a_picture_without_any(self):
         tracker = facewire.FaceTracker(max_faces=3, stills=True)
         pair = numpy.hstack([PICTURE, bgr(len(FILM) - 1)])
@@ -367,6 +397,25 @@ class Faults(unittest.TestCase):
             with self.assertRaises(wanted, msg=str(options)):
                 tracker.process(PICTURE, **options)
         self.assertIsNotNone(tracker.process(PICTURE, 0.0), "the tracker goes on")
+
+    def test_messages_about_pictures_say_what_to_do(self):
+        import PIL.Image
+
+        deep = PIL.Image.fromarray(PICTURE[:, :, 0].astype(numpy.uint16) * 257)
+        large = numpy.zeros((4097, 12_289, 3), numpy.uint8)
+        cases = [
+            (deep, {}, "in the mode I;16 have more than 8 bits; scale them"),
+            (deep.convert("I"), {}, "in the mode I have more than 8 bits"),
+            (deep.convert("F"), {}, "in the mode F have more than 8 bits"),
+            (PICTURE, {"format": "jpeg"}, 'format="jpeg" is not known; give one of .*bgr, .*grey, .*i444'),
+            (large, {}, r"12289 x 4097 pixels is too large: .* up to 4096 pixels; shrink it by a factor of 4, .*reduce\(4\)"),
+            (large[:, :1], {}, "by a factor of 2"),
+            (large[:0], {}, "is empty"),
+        ]
+        for picture, options, message in cases:
+            with self.assertRaisesRegex(ValueError, message):
+                facewire.FaceTracker().process(picture, **options)
+        self.assertIsNone(facewire.FaceTracker().process(PIL.Image.fromarray(large[:, :1]).reduce(2)))
 
     def test_small_and_odd_pictures_do_no_harm(self):
         tracker = facewire.FaceTracker(max_faces=2)

@@ -9,8 +9,6 @@ import numpy
 
 from ._facewire import Face, FaceTracker, FacewireError
 
-Picture = "numpy.ndarray[Any, Any]"
-
 
 class _Frame(NamedTuple):
     number: int
@@ -54,17 +52,21 @@ def track(film: Union[str, "os.PathLike[str]"], tracker: Optional[FaceTracker] =
 
 def _track(path: str, tracker: FaceTracker) -> Iterator[TrackedFrame]:
     tracker.reset()
-    begun_s, last_s = None, 0.0
+    begun_s, last_s, skipped_s = None, 0.0, 0.0
     for number, (time_s, picture) in enumerate(_decode(path)):
         begun_s = time_s if begun_s is None else begun_s
         # In a video that was joined from several, times may begin anew. They go on from the last one then.
         begun_s = min(begun_s, time_s - last_s)
-        time_s = last_s = time_s - begun_s
-        faces = tracker.process_all(picture, time_s)
+        time_s = max(time_s - begun_s, last_s)
+        # Pictures of a video may be any time apart, but a tracker refuses times that seem to be in milliseconds. After a second
+        # without a picture nothing is smoothed in any case.
+        skipped_s += max(time_s - last_s - 1.0, 0.0)
+        last_s = time_s
+        faces = tracker.process_all(picture, time_s - skipped_s)
         yield TrackedFrame(number, time_s, faces[0] if faces else None, faces)
 
 
-def _decode(path: str) -> Iterator[Tuple[float, Picture]]:
+def _decode(path: str) -> Iterator[Tuple[float, numpy.ndarray[Any, Any]]]:
     """Yields the time of every frame, and its picture as it is to be seen, in the order of OpenCV."""
     try:
         import av
@@ -85,7 +87,7 @@ def _decode(path: str) -> Iterator[Tuple[float, Picture]]:
         raise FacewireError(f"{path} cannot be decoded: {error}") from error
 
 
-def _decode_by_opencv(path: str) -> Iterator[Tuple[float, Picture]]:
+def _decode_by_opencv(path: str) -> Iterator[Tuple[float, numpy.ndarray[Any, Any]]]:
     try:
         import cv2
     except ImportError:

@@ -8,8 +8,8 @@ use pyo3::types::{PyDict, PyIterator, PyTuple};
 
 /// A face in a picture, which does not change.
 ///
-/// It is also a mapping from the names of BLENDSHAPES to the coefficients: face["jawOpen"], dict(face). Two faces are equal if all
-/// their values are, the id and the landmarks among them. A face can be copied and pickled.
+/// It is also a mapping from the names of BLENDSHAPES to the coefficients: face["jawOpen"], dict(face). Two faces are equal if
+/// all their values are, the id and the landmarks among them. A face can be copied and pickled.
 #[pyclass(frozen, mapping, module = "facewire")]
 pub struct Face {
     pub found: facewire_library::Face,

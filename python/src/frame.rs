@@ -42,9 +42,9 @@ impl<'py> Frame<'py> {
         };
         let wrong = || {
             PyValueError::new_err(format!(
-                "an array of shape {:?} is no picture in the format {:?}; give rows x columns x 3 or 4 (bgr, rgb), rows x columns \
-                 (grey), rows x columns x 2 (yuyv), or planes below each other: 3/2 rows x columns (i420, nv12), 2 rows x \
-                 columns (i422), 3 rows x columns (i444)",
+                "an array of shape {:?} is no picture in the format {:?}; give rows x columns x 3 or 4 (bgr, rgb), rows x \
+                 columns (grey), rows x columns x 2 (yuyv), or planes below each other: 3/2 rows x columns (i420, nv12), \
+                 2 rows x columns (i422), 3 rows x columns (i444)",
                 array.shape(),
                 format.unwrap_or(Format::Bgr).name()
             ))
@@ -85,8 +85,8 @@ fn array_of_pillow<'py>(given: &Bound<'py, PyAny>) -> PyResult<(Bound<'py, PyAny
     let mode: String = given.getattr("mode")?.extract()?;
     if mode.starts_with('I') || mode == "F" {
         return Err(PyValueError::new_err(format!(
-            "the samples of a picture of Pillow in the mode {mode} have more than 8 bits; scale them to 0 to 255, for instance by \
-             Image.fromarray((numpy.asarray(picture) // 256).astype(numpy.uint8)) if they are 0 to 65535"
+            "the samples of a picture of Pillow in the mode {mode} have more than 8 bits; scale them to 0 to 255, for instance \
+             by Image.fromarray((numpy.asarray(picture) // 256).astype(numpy.uint8)) if they are 0 to 65535"
         )));
     }
     let picture = upright(given)?;
@@ -120,8 +120,8 @@ fn check_size(size: [usize; 2]) -> PyResult<()> {
     if longest > MAX_SIDE_PX {
         let factor = longest.div_ceil(MAX_SIDE_PX);
         return Err(PyValueError::new_err(format!(
-            "a picture of {width} x {height} pixels is too large: sides can have up to {MAX_SIDE_PX} pixels; shrink it by a factor \
-             of {factor}, with cv2.resize(picture, None, fx=1/{factor}, fy=1/{factor}) or, for a picture of Pillow, \
+            "a picture of {width} x {height} pixels is too large: sides can have up to {MAX_SIDE_PX} pixels; shrink it by a \
+             factor of {factor}, with cv2.resize(picture, None, fx=1/{factor}, fy=1/{factor}) or, for a picture of Pillow, \
              picture.reduce({factor})"
         )));
     }

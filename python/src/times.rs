@@ -60,8 +60,8 @@ impl Times {
         }
         self.long_steps -= 1;
         wrong(format!(
-            "the first pictures are {} seconds apart: time_s seems to be in milliseconds; divide it by 1000, or make the tracker \
-             with stills=True if the pictures are so far apart",
+            "the first pictures are {} seconds apart: time_s seems to be in milliseconds; divide it by 1000, or make the \
+             tracker with stills=True if the pictures are so far apart",
             step.as_secs_f64()
         ))
     }

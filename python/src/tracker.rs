@@ -97,11 +97,12 @@ impl FaceTracker {
 
     /// Returns the face in a picture, or None if there is none.
     ///
-    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV), or a picture of Pillow, which is turned as its EXIF
-    ///     orientation says. Landmarks are in pixels of the turned picture.
-    /// time_s: when it was taken, seconds since any moment that stays the same. Without it, now, which is right for a camera whose
-    ///     pictures are processed as they come, and wrong for a video: smoothing depends on the time between pictures. Give it for
-    ///     all pictures or for none. Times must not go back; call `reset` before another video. Of stills, it is not read.
+    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV), or a picture of Pillow, which is turned as its
+    ///     EXIF orientation says. Landmarks are in pixels of the turned picture.
+    /// time_s: when it was taken, seconds since any moment that stays the same. Without it, now, which is right for a camera
+    ///     whose pictures are processed as they come, and wrong for a video: smoothing depends on the time between pictures.
+    ///     Give it for all pictures or for none. Times must not go back; call `reset` before another video. Of stills, it is
+    ///     not read.
     /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444, in
     ///     lower or upper case.
     ///
@@ -138,7 +139,8 @@ impl FaceTracker {
         found.into_iter().map(|face| Face::new(py, face)).collect()
     }
 
-    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the profile.
+    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the
+    /// profile.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
         self.lock()?.tracker.set_profile(&Profile { neutral: Some(neutral), ..Profile::default() });

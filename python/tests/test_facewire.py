@@ -368,6 +368,12 @@ class Times(unittest.TestCase):
         for one, other in zip(first, second):
             self.assertEqual(one.face.coefficients.tobytes(), other.face.coefficients.tobytes())
 
+    def test_the_pictures_of_a_video_may_be_any_time_apart(self):
+        pictures = [(10.0 * number, PICTURE) for number in range(8)]
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            frames = list(facewire.track(DEMO))
+        self.assertEqual([frame.time_s for frame in frames], [time_s for time_s, _ in pictures])
+
     def test_the_times_of_stills_are_not_read(self):
         tracker = facewire.FaceTracker(stills=True)
         for time_s in (3.0, 1.0, None, 1e6, 2e6, 3e6, 4e6, 5e6, 6e6):

@@ -54,6 +54,14 @@ impl Face {
     }
 }
 
+/// A face with the identifier 0, whose values are all 0 and which does not turn: a program fills it to restore a face that it kept,
+/// or in a test.
+impl Default for Face {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
 /// Follows faces from picture to picture.
 pub struct FaceTracker {
     detector: Detector,

@@ -11,7 +11,11 @@
             print(face["jawOpen"], face.yaw_pitch_roll_deg)
 """
 
+from collections.abc import Mapping
+
 from ._facewire import BLENDSHAPES, Face, FaceTracker, FacewireError, __version__
 from ._film import TrackedFrame, track
 
 __all__ = ["BLENDSHAPES", "Face", "FaceTracker", "FacewireError", "TrackedFrame", "__version__", "track"]
+
+Mapping.register(Face)

@@ -1,18 +1,22 @@
 use facewire_library::{BLENDSHAPES, NeutralFace};
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray as _, PyArray1, PyArray2};
-use pyo3::exceptions::PyKeyError;
+use numpy::{IntoPyArray as _, PyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::IntoPyObjectExt as _;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyIterator, PyTuple};
 
-/// A face in a picture. Its arrays belong to it and can be kept and changed.
-#[pyclass(frozen, module = "facewire")]
+/// A face in a picture, which does not change.
+///
+/// It is also a mapping from the names of BLENDSHAPES to the coefficients: face["jawOpen"], dict(face). Two faces are equal if
+/// all their values are, the id and the landmarks among them. A face can be copied and pickled.
+#[pyclass(frozen, mapping, module = "facewire")]
 pub struct Face {
     pub found: facewire_library::Face,
-    /// 478 points, x, y and z in pixels of the picture: an array of float32 with the shape (478, 3).
+    /// 478 points, x, y and z in pixels of the picture: an array of float32 with the shape (478, 3), which cannot be written.
     #[pyo3(get)]
     landmarks: Py<PyArray2<f32>>,
-    /// One number from 0 to 1 for each of BLENDSHAPES: an array of float32 with the shape (52,).
+    /// One number from 0 to 1 for each of BLENDSHAPES: an array of float32 with the shape (52,), which cannot be written.
     #[pyo3(get)]
     coefficients: Py<PyArray1<f32>>,
 }
@@ -21,10 +25,64 @@ impl Face {
     pub fn new(py: Python<'_>, found: facewire_library::Face) -> PyResult<Self> {
         let points = found.landmarks.0.as_flattened().to_vec();
         let points = Array2::from_shape_vec((found.landmarks.0.len(), 3), points);
-        let points = points.map_err(|error| pyo3::exceptions::PyValueError::new_err(error.to_string()))?;
-        let coefficients = found.coefficients.to_vec().into_pyarray(py).unbind();
-        Ok(Self { landmarks: points.into_pyarray(py).unbind(), coefficients, found })
+        let points = points.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let coefficients = found.coefficients.to_vec().into_pyarray(py);
+        Ok(Self { landmarks: read_only(points.into_pyarray(py)), coefficients: read_only(coefficients), found })
     }
+}
+
+/// Makes an array one that cannot be written.
+fn read_only<D: numpy::ndarray::Dimension>(array: Bound<'_, PyArray<f32, D>>) -> Py<PyArray<f32, D>> {
+    array.readwrite().make_nonwriteable();
+    array.unbind()
+}
+
+/// Makes the face again that was pickled.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "a face has as many values")]
+pub fn _face(
+    py: Python<'_>,
+    id: u64,
+    landmarks: PyReadonlyArray2<'_, f32>,
+    coefficients: PyReadonlyArray1<'_, f32>,
+    rotation_xyzw: [f32; 4],
+    position_mm: [f32; 3],
+    gaze_yaw_pitch_vergence_deg: [f32; 3],
+    neutral: &str,
+    score: f32,
+) -> PyResult<Face> {
+    let damaged = || PyValueError::new_err("the pickled face is damaged");
+    let points: Vec<f32> = landmarks.as_array().iter().copied().collect();
+    let values: Vec<f32> = coefficients.as_array().iter().copied().collect();
+    let neutral = NEUTRAL_FACES.into_iter().find(|known| known.name() == neutral);
+    let [yaw, pitch, vergence_deg] = gaze_yaw_pitch_vergence_deg;
+    let mut found = facewire_library::Face::default();
+    found.id = id;
+    found.landmarks.0 = points.as_chunks().0.try_into().map_err(|_| damaged())?;
+    found.coefficients = values.try_into().map_err(|_| damaged())?;
+    found.head.rotation_xyzw = rotation_xyzw;
+    found.head.position_mm = position_mm;
+    found.gaze.yaw_pitch_deg = [yaw, pitch];
+    found.gaze.vergence_deg = vergence_deg;
+    found.neutral = neutral.ok_or_else(damaged)?;
+    found.score = score;
+    Face::new(py, found)
+}
+
+const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimated, NeutralFace::Calibrated];
+
+/// What is wrong with the name of a coefficient, with the nearest of the right ones.
+fn unknown_name(py: Python<'_>, name: &str) -> PyResult<PyErr> {
+    let plain = |name: &str| name.replace(['_', '-', ' '], "").to_lowercase();
+    let known: Vec<_> = BLENDSHAPES.iter().map(|known| plain(known)).collect();
+    let nearest: Vec<String> =
+        py.import("difflib")?.call_method1("get_close_matches", (plain(name), &known, 1))?.extract()?;
+    let nearest = BLENDSHAPES.iter().zip(&known).find(|(_, known)| nearest.contains(known));
+    let hint = nearest.map_or_else(
+        || "facewire.BLENDSHAPES has all names".to_owned(),
+        |(nearest, _)| format!("did you mean {nearest}?"),
+    );
+    Ok(PyKeyError::new_err(format!("{name} is not a blendshape; {hint}")))
 }
 
 #[pymethods]
@@ -72,11 +130,7 @@ impl Face {
     /// The neutral face from which the coefficients are measured: "mean", "estimated" or "calibrated".
     #[getter]
     fn neutral(&self) -> &'static str {
-        match self.found.neutral {
-            NeutralFace::Mean => "mean",
-            NeutralFace::Estimated => "estimated",
-            NeutralFace::Calibrated => "calibrated",
-        }
+        self.found.neutral.name()
     }
 
     /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
@@ -85,8 +139,71 @@ impl Face {
         self.found.score
     }
 
-    fn __getitem__(&self, name: &str) -> PyResult<f32> {
-        self.found.coefficient(name).ok_or_else(|| PyKeyError::new_err(name.to_owned()))
+    fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<f32> {
+        match self.found.coefficient(name) {
+            Some(value) => Ok(value),
+            None => Err(unknown_name(py, name)?),
+        }
+    }
+
+    /// Returns the coefficient of this name, or `default` if there is none.
+    #[pyo3(signature = (name, default=None))]
+    fn get<'py>(&self, py: Python<'py>, name: &str, default: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        match self.found.coefficient(name) {
+            Some(value) => value.into_bound_py_any(py),
+            None => default.into_bound_py_any(py),
+        }
+    }
+
+    fn __contains__(&self, name: &Bound<'_, PyAny>) -> bool {
+        name.extract::<String>().is_ok_and(|name| self.found.coefficient(&name).is_some())
+    }
+
+    fn __len__(&self) -> usize {
+        self.found.coefficients.len()
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        PyTuple::new(py, BLENDSHAPES)?.try_iter()
+    }
+
+    /// The names of BLENDSHAPES.
+    fn keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.blendshapes(py)?.call_method0("keys")
+    }
+
+    /// The coefficients.
+    fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.blendshapes(py)?.call_method0("values")
+    }
+
+    /// The names of BLENDSHAPES with their coefficients.
+    fn items<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.blendshapes(py)?.call_method0("items")
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| self.found == other.get().found)
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.found.id
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let found = &self.found;
+        let [yaw, pitch] = found.gaze.yaw_pitch_deg;
+        let values = (
+            found.id,
+            &self.landmarks,
+            &self.coefficients,
+            self.rotation_xyzw(),
+            self.position_mm(),
+            (yaw, pitch, found.gaze.vergence_deg),
+            self.neutral(),
+            found.score,
+        );
+        Ok((py.import("facewire._facewire")?.getattr("_face")?, values.into_pyobject(py)?))
     }
 
     fn __repr__(&self) -> String {

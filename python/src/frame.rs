@@ -6,6 +6,9 @@ use numpy::{PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArray,
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
+/// The tag of EXIF that says how the camera was held; 1 is upright.
+const EXIF_ORIENTATION: u16 = 0x0112;
+
 /// An array of samples, and what they are.
 pub struct Frame<'py> {
     array: PyReadonlyArrayDyn<'py, u8>,
@@ -17,17 +20,17 @@ impl<'py> Frame<'py> {
     /// Reads an array, or whatever Pillow opened. Without the name of a format, an array has the order of OpenCV, and a picture
     /// that of Pillow.
     pub fn new(given: &Bound<'py, PyAny>, name: Option<&str>) -> PyResult<Self> {
+        let format = name.map(format_of).transpose()?;
         if given.cast::<PyUntypedArray>().is_err() && given.hasattr("mode")? && given.hasattr("convert")? {
-            let mode: String = given.getattr("mode")?.extract()?;
-            let is_known = ["RGB", "RGBA", "L"].contains(&mode.as_str());
-            let picture = if is_known { given.clone() } else { given.call_method1("convert", ("RGB",))? };
-            let array = given.py().import("numpy")?.call_method1("asarray", (picture,))?;
-            return Self::of_array(&array, Some(name.unwrap_or("rgb")));
+            let (array, own_format) = array_of_pillow(given)?;
+            // A picture in shades of grey has no other order.
+            let format = if own_format == Format::Grey { own_format } else { format.unwrap_or(own_format) };
+            return Self::of_array(&array, Some(format));
         }
-        Self::of_array(given, name)
+        Self::of_array(given, format)
     }
 
-    fn of_array(given: &Bound<'py, PyAny>, name: Option<&str>) -> PyResult<Self> {
+    fn of_array(given: &Bound<'py, PyAny>, format: Option<Format>) -> PyResult<Self> {
         let Ok(array) = given.cast::<PyArrayDyn<u8>>() else {
             let told = match given.cast::<PyUntypedArray>() {
                 Ok(array) => format!("an array of {}", array.dtype()),
@@ -39,20 +42,15 @@ impl<'py> Frame<'py> {
         };
         let wrong = || {
             PyValueError::new_err(format!(
-                "an array of shape {:?} is no picture in the format {:?}; give rows x columns x 3 or 4 (bgr, rgb), rows x columns \
-                 (grey), rows x columns x 2 (yuyv), or planes below each other: 3/2 rows x columns (i420, nv12), 2 rows x \
-                 columns (i422), 3 rows x columns (i444)",
+                "an array of shape {:?} is no picture in the format {:?}; give rows x columns x 3 or 4 (bgr, rgb), rows x \
+                 columns (grey), rows x columns x 2 (yuyv), or planes below each other: 3/2 rows x columns (i420, nv12), \
+                 2 rows x columns (i422), 3 rows x columns (i444)",
                 array.shape(),
-                name.unwrap_or("bgr")
+                format.unwrap_or(Format::Bgr).name()
             ))
         };
-        let (format, size) = describe(array.shape(), name).ok_or_else(wrong)?;
-        if size.iter().any(|side| !(1..=MAX_SIDE_PX).contains(side)) {
-            let [width, height] = size;
-            return Err(PyValueError::new_err(format!(
-                "a picture of {width} x {height} pixels: sides can be 1 to {MAX_SIDE_PX} pixels long; make it smaller"
-            )));
-        }
+        let (format, size) = describe(array.shape(), format).ok_or_else(wrong)?;
+        check_size(size)?;
         let array = array.try_readonly().map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(Self { array, format, size })
     }
@@ -73,12 +71,65 @@ impl<'py> Frame<'py> {
     }
 }
 
-/// Returns the format, and width and height, of an array of this shape.
-fn describe(shape: &[usize], name: Option<&str>) -> Option<(Format, [usize; 2])> {
-    let named = match name {
-        None => None,
-        Some(name) => Some(Format::ALL.into_iter().find(|format| format.name() == name)?),
+/// Returns the format of this name, in lower or upper case.
+fn format_of(name: &str) -> PyResult<Format> {
+    let named = Format::ALL.into_iter().find(|format| format.name().eq_ignore_ascii_case(name));
+    named.ok_or_else(|| {
+        let names = Format::ALL.map(Format::name).join(", ");
+        PyValueError::new_err(format!("format={name:?} is not known; give one of {names}"))
+    })
+}
+
+/// Returns the samples of a picture of Pillow that stands upright, and their format.
+fn array_of_pillow<'py>(given: &Bound<'py, PyAny>) -> PyResult<(Bound<'py, PyAny>, Format)> {
+    let mode: String = given.getattr("mode")?.extract()?;
+    if mode.starts_with('I') || mode == "F" {
+        return Err(PyValueError::new_err(format!(
+            "the samples of a picture of Pillow in the mode {mode} have more than 8 bits; scale them to 0 to 255, for instance \
+             by Image.fromarray((numpy.asarray(picture) // 256).astype(numpy.uint8)) if they are 0 to 65535"
+        )));
+    }
+    let picture = upright(given)?;
+    let (picture, format) = match mode.as_str() {
+        "L" => (picture, Format::Grey),
+        "RGB" => (picture, Format::Rgb),
+        "RGBA" => (picture, Format::Rgba),
+        _ => (picture.call_method1("convert", ("RGB",))?, Format::Rgb),
     };
+    Ok((given.py().import("numpy")?.call_method1("asarray", (picture,))?, format))
+}
+
+/// Turns a picture of Pillow as its EXIF data say that the camera was held.
+fn upright<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    if !given.hasattr("getexif")? {
+        return Ok(given.clone());
+    }
+    let orientation = given.call_method0("getexif")?.call_method1("get", (EXIF_ORIENTATION, 1))?;
+    if orientation.eq(1)? {
+        return Ok(given.clone());
+    }
+    given.py().import("PIL.ImageOps")?.call_method1("exif_transpose", (given,))
+}
+
+fn check_size(size: [usize; 2]) -> PyResult<()> {
+    let [width, height] = size;
+    let longest = width.max(height);
+    if width.min(height) == 0 {
+        return Err(PyValueError::new_err(format!("a picture of {width} x {height} pixels is empty")));
+    }
+    if longest > MAX_SIDE_PX {
+        let factor = longest.div_ceil(MAX_SIDE_PX);
+        return Err(PyValueError::new_err(format!(
+            "a picture of {width} x {height} pixels is too large: sides can have up to {MAX_SIDE_PX} pixels; shrink it by a \
+             factor of {factor}, with cv2.resize(picture, None, fx=1/{factor}, fy=1/{factor}) or, for a picture of Pillow, \
+             picture.reduce({factor})"
+        )));
+    }
+    Ok(())
+}
+
+/// Returns the format, and width and height, of an array of this shape.
+fn describe(shape: &[usize], named: Option<Format>) -> Option<(Format, [usize; 2])> {
     match (shape, named) {
         (&[height, width], None | Some(Format::Grey)) | (&[height, width, 1], Some(Format::Grey)) => {
             Some((Format::Grey, [width, height]))

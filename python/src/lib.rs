@@ -5,6 +5,7 @@
 
 mod face;
 mod frame;
+mod times;
 mod tracker;
 
 use facewire_library::{BLENDSHAPES, Error};
@@ -32,6 +33,7 @@ fn exception(error: &Error) -> PyErr {
 fn _facewire(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<face::Face>()?;
     module.add_class::<tracker::FaceTracker>()?;
+    module.add_function(wrap_pyfunction!(face::_face, module)?)?;
     module.add("FacewireError", module.py().get_type::<FacewireError>())?;
     module.add("BLENDSHAPES", PyTuple::new(module.py(), BLENDSHAPES)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))

@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 use crate::exception;
 use crate::face::Face;
 use crate::frame::Frame;
+use crate::times::Times;
 
 /// Follows faces from picture to picture.
 ///
@@ -30,6 +31,7 @@ use crate::frame::Frame;
 pub struct FaceTracker {
     state: Mutex<State>,
     begun: Instant,
+    is_for_stills: bool,
 }
 
 /// The folder of the networks in the installed package. In the extension module they would stay in memory after loading.
@@ -42,6 +44,7 @@ struct State {
     tracker: facewire_library::FaceTracker,
     /// Samples of an array that do not lie one after another.
     memory: Vec<u8>,
+    times: Times,
 }
 
 #[pymethods]
@@ -85,61 +88,70 @@ impl FaceTracker {
         }
         options = options.networks(networks.map_or_else(|| networks_of_package(py), Ok)?);
         let tracker = py.detach(|| options.open()).map_err(|error| exception(&error))?;
-        Ok(Self { state: Mutex::new(State { tracker, memory: Vec::new() }), begun: Instant::now() })
+        Ok(Self {
+            state: Mutex::new(State { tracker, memory: Vec::new(), times: Times::default() }),
+            begun: Instant::now(),
+            is_for_stills: stills,
+        })
     }
 
     /// Returns the face in a picture, or None if there is none.
     ///
-    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV) or a picture of Pillow.
-    /// time: when it was taken, seconds since any moment that stays the same; without it, now.
-    /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444.
+    /// frame: an array of uint8 (rows x columns x 3 in the order of OpenCV), or a picture of Pillow, which is turned as its
+    ///     EXIF orientation says. Landmarks are in pixels of the turned picture.
+    /// time_s: when it was taken, seconds since any moment that stays the same. Without it, now, which is right for a camera
+    ///     whose pictures are processed as they come, and wrong for a video: smoothing depends on the time between pictures.
+    ///     Give it for all pictures or for none. Times must not go back; call `reset` before another video. Of stills, it is
+    ///     not read.
+    /// format: what the array holds: bgr, rgb, bgra, rgba, grey, yuyv, nv12, i420, i422 or i444, in
+    ///     lower or upper case.
     ///
     /// Do not change the array in another thread meanwhile.
-    #[pyo3(signature = (frame, time=None, *, format=None))]
+    #[pyo3(signature = (frame, time_s=None, *, format=None))]
     fn process(
         &self,
         py: Python<'_>,
         frame: &Bound<'_, PyAny>,
-        time: Option<f64>,
+        time_s: Option<f64>,
         format: Option<&str>,
     ) -> PyResult<Option<Face>> {
-        // The one that has been followed longest comes first.
-        Ok(self.process_all(py, frame, time, format)?.into_iter().min_by_key(|face| face.found.id))
+        Ok(self.process_all(py, frame, time_s, format)?.into_iter().next())
     }
 
-    /// Returns all faces in a picture, like `process`.
-    #[pyo3(signature = (frame, time=None, *, format=None))]
+    /// Returns all faces in a picture, like `process`. The one that has been followed longest comes first.
+    #[pyo3(signature = (frame, time_s=None, *, format=None))]
     fn process_all(
         &self,
         py: Python<'_>,
         frame: &Bound<'_, PyAny>,
-        time: Option<f64>,
+        time_s: Option<f64>,
         format: Option<&str>,
     ) -> PyResult<Vec<Face>> {
-        let time = match time {
-            None => self.begun.elapsed(),
-            Some(time) => Duration::try_from_secs_f64(time)
-                .map_err(|_| PyValueError::new_err("time is in seconds, and not below 0"))?,
-        };
+        let now = self.begun.elapsed();
         let frame = Frame::new(frame, format)?;
-        let State { tracker, memory } = &mut *self.lock()?;
+        let State { tracker, memory, times } = &mut *self.lock()?;
         let samples = frame.samples(memory);
         let picture = frame.picture(samples).map_err(|error| exception(&error))?;
+        let time = if self.is_for_stills { Duration::ZERO } else { times.next(time_s, now)? };
         let found = py.detach(|| Ok(tracker.process_all(&picture, time)?.cloned().collect::<Vec<_>>()));
-        let found = found.map_err(|error| exception(&error))?;
+        let mut found = found.map_err(|error| exception(&error))?;
+        found.sort_by_key(|face| face.id);
         found.into_iter().map(|face| Face::new(py, face)).collect()
     }
 
-    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the profile.
+    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the
+    /// profile.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
         self.lock()?.tracker.set_profile(&Profile { neutral: Some(neutral), ..Profile::default() });
         Ok(())
     }
 
-    /// Forgets all faces and what was learned of them.
+    /// Forgets all faces, what was learned of them, and the time of the last picture.
     fn reset(&self) -> PyResult<()> {
-        self.lock()?.tracker.reset();
+        let mut state = self.lock()?;
+        state.tracker.reset();
+        state.times = Times::default();
         Ok(())
     }
 }

@@ -1,12 +1,17 @@
 """The promises of the Python package. FACEWIRE_EXACT names a folder in which the example `exact` has written a folder for each film."""
 
+import collections.abc
+import copy
 import csv
 import fractions
 import gc
 import importlib.metadata
+import io
 import itertools
+import multiprocessing
 import os
 import pathlib
+import pickle
 import resource
 import struct
 import subprocess
@@ -74,6 +79,11 @@ def write_film(path, times_ms, quarters):
     pathlib.Path(path).write_bytes(content)
 
 
+def send_back(face, queue):
+    """Runs in another process."""
+    queue.put(face)
+
+
 class Results(unittest.TestCase):
     def test_all_values_are_those_of_the_rust_crate_and_of_facewire_track_to_the_last_bit(self):
         for folder in sorted(EXACT.iterdir()):
@@ -108,11 +118,61 @@ class Results(unittest.TestCase):
         self.assertIs(face.landmarks, face.landmarks)
         self.assertEqual(list(face.blendshapes), list(facewire.BLENDSHAPES))
         self.assertEqual(face["jawOpen"], face.blendshapes["jawOpen"])
-        with self.assertRaises(KeyError):
-            face["smile"]
         self.assertTrue(all(abs(angle) < 90 for angle in face.yaw_pitch_roll_deg))
-        face.landmarks[:] = 0
         self.assertIn("Face", repr(face))
+
+    def test_the_arrays_of_a_face_cannot_be_written_and_copies_of_them_can(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        for array in (face.coefficients, face.landmarks):
+            with self.assertRaisesRegex(ValueError, "read-only"):
+                array[:] = 0
+            array.copy()[:] = 0
+        self.assertGreater(face.landmarks.max(), 0)
+
+    def test_a_face_is_a_mapping_from_names_to_coefficients(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        self.assertIsInstance(face, collections.abc.Mapping)
+        self.assertEqual((list(face), len(face)), (list(facewire.BLENDSHAPES), 52))
+        self.assertEqual(list(face.keys()), list(facewire.BLENDSHAPES))
+        self.assertEqual(list(face.values()), face.coefficients.tolist())
+        self.assertEqual(list(face.items()), list(face.blendshapes.items()))
+        self.assertEqual(dict(face), face.blendshapes)
+        self.assertEqual({**face}, face.blendshapes)
+        self.assertTrue("jawOpen" in face and "smile" not in face and 3 not in face)
+        self.assertEqual(face.get("jawOpen"), face["jawOpen"])
+        self.assertEqual((face.get("smile"), face.get("smile", 0.5)), (None, 0.5))
+
+    def test_an_unknown_name_of_a_coefficient_is_a_key_error_with_the_nearest_name(self):
+        face = facewire.FaceTracker(stills=True).process(PICTURE)
+        for given, meant in [("jawopen", "jawOpen"), ("eye_blink_left", "eyeBlinkLeft"), ("mouthSmielRight", "mouthSmileRight")]:
+            with self.assertRaisesRegex(KeyError, rf"{given} is not a blendshape; did you mean {meant}\?"):
+                face[given]
+        with self.assertRaisesRegex(KeyError, "xyz is not a blendshape; facewire.BLENDSHAPES has all names"):
+            face["xyz"]
+
+    def test_a_face_can_be_copied_pickled_and_sent_to_another_process_and_stays_equal(self):
+        tracker = facewire.FaceTracker(stills=True)
+        face, other = tracker.process(PICTURE), tracker.process(bgr(1))
+        copies = [copy.copy(face), copy.deepcopy(face)]
+        copies += [pickle.loads(pickle.dumps(face, protocol)) for protocol in range(pickle.HIGHEST_PROTOCOL + 1)]
+        queue = multiprocessing.get_context("spawn").Queue()
+        process = multiprocessing.get_context("spawn").Process(target=send_back, args=(face, queue))
+        process.start()
+        copies.append(queue.get(timeout=120))
+        process.join()
+        for same in copies:
+            self.assertEqual((same, hash(same), repr(same)), (face, hash(face), repr(face)))
+            for name in ("id", "blendshapes", "yaw_pitch_roll_deg", "rotation_xyzw", "position_mm", "gaze_yaw_pitch_deg", "neutral", "score"):
+                self.assertEqual(getattr(same, name), getattr(face, name), name)
+            self.assertEqual(same.landmarks.tobytes(), face.landmarks.tobytes())
+            self.assertFalse(same.landmarks.flags.writeable)
+        self.assertNotEqual(face, other)
+        self.assertNotEqual(face, face.blendshapes)
+        facewire.FaceTracker().set_neutral(copies)
+        restore, values = face.__reduce__()
+        for place, wrong in [(1, face.landmarks[:3]), (2, face.coefficients[:3]), (6, "maybe")]:
+            with self.assertRaises(ValueError):
+                restore(*values[:place], wrong, *values[place + 1:])
 
     def test_any_strides_and_orders_of_one_picture_give_one_face(self):
         import PIL.Image
@@ -146,6 +206,35 @@ class Results(unittest.TestCase):
         palette = PIL.Image.fromarray(rgb).convert("P")
         self.assertIsNotNone(facewire.FaceTracker().process(palette))
         self.assertIsNotNone(facewire.FaceTracker().process(PICTURE[:, :, 1]), "grey")
+
+    def test_a_grey_picture_of_pillow_is_read_as_grey(self):
+        import PIL.Image
+
+        luma = numpy.ascontiguousarray(FILM[0][:480])
+        wanted = facewire.FaceTracker(stills=True).process(luma)
+        for kind in (None, "grey", "rgb"):
+            found = facewire.FaceTracker(stills=True).process(PIL.Image.fromarray(luma), format=kind)
+            self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), kind)
+
+    def test_a_picture_of_pillow_is_turned_as_its_exif_orientation_says(self):
+        import PIL.Image
+
+        upright = PIL.Image.fromarray(numpy.ascontiguousarray(PICTURE[:, :, ::-1]))
+        wanted = facewire.FaceTracker(stills=True).process(upright)
+        # What the camera stored, for each orientation, of a picture that is upright when it is shown.
+        turned = {3: PIL.Image.ROTATE_180, 6: PIL.Image.ROTATE_90, 8: PIL.Image.ROTATE_270, 2: PIL.Image.FLIP_LEFT_RIGHT}
+        for orientation, turn in turned.items():
+            stored = io.BytesIO()
+            exif = PIL.Image.Exif()
+            exif[0x0112] = orientation
+            upright.transpose(turn).save(stored, "png", exif=exif)
+            found = facewire.FaceTracker(stills=True).process(PIL.Image.open(stored))
+            self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), orientation)
+
+    def test_names_of_formats_may_be_in_upper_case(self):
+        rgb = numpy.ascontiguousarray(PICTURE[:, :, ::-1])
+        found = facewire.FaceTracker(stills=True).process(rgb, format="RGB")
+        self.assertEqual(found, facewire.FaceTracker(stills=True).process(rgb, format="rgb"))
 
     def test_several_faces_and_a_picture_without_any(self):
         tracker = facewire.FaceTracker(max_faces=3, stills=True)
@@ -189,6 +278,25 @@ class Results(unittest.TestCase):
         with without("av"), without("cv2"), self.assertRaises(facewire.FacewireError):
             list(facewire.track(DEMO))
 
+    def test_a_video_of_two_people_is_tracked_with_both_and_one_of_one_person_as_before(self):
+        pair = [numpy.hstack([bgr(number), bgr(number + 20)]) for number in range(4)]
+        pictures = [(number / 30, picture) for number, picture in enumerate([*pair, numpy.zeros_like(PICTURE)])]
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            both = list(facewire.track(DEMO, max_faces=2))
+            first = list(facewire.track(DEMO))
+        self.assertEqual([len(frame.faces) for frame in both], [2, 2, 2, 2, 0])
+        self.assertEqual([len(frame.faces) for frame in first], [1, 1, 1, 1, 0])
+        for frame in both[:4]:
+            number, time, face = frame
+            self.assertEqual((number, time, face), (frame.number, frame.time_s, frame.face))
+            self.assertIs(face, frame.faces[0])
+            self.assertEqual([face.id for face in frame.faces], [face.id for face in both[0].faces])
+            self.assertLess(frame.faces[0].id, frame.faces[1].id)
+        self.assertEqual((first[-1].face, first[-1].faces), (None, ()))
+        for frame in both:
+            again = pickle.loads(pickle.dumps(frame))
+            self.assertEqual((again, again.faces), (frame, frame.faces))
+
     def test_both_decoders_give_the_same_pictures_at_the_same_times_the_right_way_up(self):
         def times_ms(number):
             return 500 + 40 * number + 9 * (number % 3)
@@ -211,6 +319,67 @@ class Results(unittest.TestCase):
                 self.assertEqual([len(pictures) for pictures in both], [10, 10])
 
 
+class Times(unittest.TestCase):
+    def test_times_that_go_back_are_refused_until_a_reset(self):
+        tracker = facewire.FaceTracker()
+        for time_s in (1.0, 1.5, 1.5):
+            tracker.process(PICTURE, time_s)
+        with self.assertRaisesRegex(ValueError, r"time_s went back from 1.5 to 0.5: .*reset\(\) before another video"):
+            tracker.process(PICTURE, time_s=0.5)
+        self.assertIsNotNone(tracker.process(PICTURE, time_s=1.6))
+        tracker.reset()
+        self.assertIsNotNone(tracker.process(PICTURE, time_s=0.5))
+
+    def test_times_in_milliseconds_are_refused(self):
+        for step_ms in (1000 / 30, 1000 / 120):
+            tracker = facewire.FaceTracker()
+            with self.assertRaisesRegex(ValueError, "seems to be in milliseconds; divide it by 1000"):
+                for number in range(6):
+                    tracker.process(PICTURE, number * step_ms)
+            tracker.reset()
+            self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_long_gaps_after_a_beginning_without_are_no_fault(self):
+        tracker = facewire.FaceTracker()
+        for time_s in (0.0, 0.04, *range(100, 1000, 100)):
+            self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+    def test_a_picture_that_is_refused_leaves_no_time(self):
+        tracker = facewire.FaceTracker()
+        with self.assertRaises(ValueError):
+            tracker.process(PICTURE[None], 5.0)
+        self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_times_are_given_for_all_pictures_or_for_none(self):
+        tracker = facewire.FaceTracker()
+        tracker.process(PICTURE)
+        with self.assertRaisesRegex(ValueError, "give time_s for every picture or for none"):
+            tracker.process(PICTURE, 100.0)
+        self.assertIsNotNone(tracker.process(PICTURE))
+
+    def test_a_video_may_be_tracked_again_and_its_times_may_begin_anew(self):
+        pictures = [(time_s, PICTURE) for time_s in (2.0, 2.5, 3.0, 1.0, 1.25, 1.5)]
+        tracker = facewire.FaceTracker()
+        tracker.process(PICTURE)
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            first, second = (list(facewire.track(DEMO, tracker)) for _ in range(2))
+        for frames in (first, second):
+            self.assertEqual([frame.time_s for frame in frames], [0.0, 0.5, 1.0, 1.0, 1.25, 1.5])
+        for one, other in zip(first, second):
+            self.assertEqual(one.face.coefficients.tobytes(), other.face.coefficients.tobytes())
+
+    def test_the_pictures_of_a_video_may_be_any_time_apart(self):
+        pictures = [(10.0 * number, PICTURE) for number in range(8)]
+        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+            frames = list(facewire.track(DEMO))
+        self.assertEqual([frame.time_s for frame in frames], [time_s for time_s, _ in pictures])
+
+    def test_the_times_of_stills_are_not_read(self):
+        tracker = facewire.FaceTracker(stills=True)
+        for time_s in (3.0, 1.0, None, 1e6, 2e6, 3e6, 4e6, 5e6, 6e6):
+            self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+
 class Faults(unittest.TestCase):
     def test_what_is_no_picture_is_an_exception(self):
         huge = numpy.lib.stride_tricks.as_strided(PICTURE, (5000, 8000, 3), (0, 0, 1))
@@ -228,11 +397,31 @@ class Faults(unittest.TestCase):
         for wanted, given in cases:
             with self.assertRaises(wanted):
                 tracker.process(given, 0.0)
-        for wanted, options in [(ValueError, {"format": "jpeg"}), (ValueError, {"format": "i420"}), (ValueError, {"time": -1.0}),
-                                (ValueError, {"time": float("nan")}), (ValueError, {"time": 1e300}), (TypeError, {"time": "now"})]:
+        for wanted, options in [(ValueError, {"format": "jpeg"}), (ValueError, {"format": "i420"}), (ValueError, {"time_s": -1.0}),
+                                (ValueError, {"time_s": float("nan")}), (ValueError, {"time_s": 1e300}),
+                                (TypeError, {"time_s": "now"}), (TypeError, {"time": 1.0})]:
             with self.assertRaises(wanted, msg=str(options)):
                 tracker.process(PICTURE, **options)
         self.assertIsNotNone(tracker.process(PICTURE, 0.0), "the tracker goes on")
+
+    def test_messages_about_pictures_say_what_to_do(self):
+        import PIL.Image
+
+        deep = PIL.Image.fromarray(PICTURE[:, :, 0].astype(numpy.uint16) * 257)
+        large = numpy.zeros((4097, 12_289, 3), numpy.uint8)
+        cases = [
+            (deep, {}, "in the mode I;16 have more than 8 bits; scale them"),
+            (deep.convert("I"), {}, "in the mode I have more than 8 bits"),
+            (deep.convert("F"), {}, "in the mode F have more than 8 bits"),
+            (PICTURE, {"format": "jpeg"}, 'format="jpeg" is not known; give one of .*bgr, .*grey, .*i444'),
+            (large, {}, r"12289 x 4097 pixels is too large: .* up to 4096 pixels; shrink it by a factor of 4, .*reduce\(4\)"),
+            (large[:, :1], {}, "by a factor of 2"),
+            (large[:0], {}, "is empty"),
+        ]
+        for picture, options, message in cases:
+            with self.assertRaisesRegex(ValueError, message):
+                facewire.FaceTracker().process(picture, **options)
+        self.assertIsNone(facewire.FaceTracker().process(PIL.Image.fromarray(large[:, :1]).reduce(2)))
 
     def test_small_and_odd_pictures_do_no_harm(self):
         tracker = facewire.FaceTracker(max_faces=2)

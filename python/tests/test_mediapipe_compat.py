@@ -104,6 +104,9 @@ class FaceLandmarker(unittest.TestCase):
                       lambda: film.detect_for_video(image, 66, object())):
             with self.assertRaises(ValueError):
                 wrong()
+        # As with MediaPipe, pictures can be any time apart.
+        for time_ms in range(10_000, 100_000, 10_000):
+            self.assertTrue(film.detect_for_video(image, time_ms).face_landmarks)
         called = []
         live = self.options("LIVE_STREAM", result_callback=lambda result, image, time_ms: called.append((result, time_ms)))
         mp.tasks.vision.FaceLandmarker.create_from_options(live).detect_async(image, 7)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any, List, NamedTuple, Optional
 
 from facewire import FaceTracker
@@ -37,7 +36,7 @@ class FaceMesh:
         if self._tracker is None:
             raise ValueError("the mesh is closed")
         height, width = image.shape[:2]
-        faces = self._tracker.process_all(image, time.monotonic(), format="rgb")
+        faces = self._tracker.process_all(image, format="rgb")
         lists = [NormalizedLandmarkList(normalized(face, width, height, self._count)) for face in faces]
         return FaceMeshResult(lists or None)
 

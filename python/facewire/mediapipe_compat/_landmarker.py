@@ -125,7 +125,7 @@ class FaceLandmarker:
     """Finds landmarks and coefficients of faces."""
 
     def __init__(self, options: FaceLandmarkerOptions) -> None:
-        self._options, self._last_ms = options, -1
+        self._options, self._last_ms, self._clock_ms = options, -1, 0
         self._tracker: Optional[FaceTracker] = FaceTracker(
             max_faces=options.num_faces, stills=options.running_mode is RunningMode.IMAGE
         )
@@ -143,7 +143,7 @@ class FaceLandmarker:
     def detect(self, image: Image, image_processing_options: Any = None) -> FaceLandmarkerResult:
         """Finds the faces in a single picture."""
         self._need(RunningMode.IMAGE, image_processing_options)
-        return self._find(image, 0)
+        return self._find(image, 0.0)
 
     def detect_for_video(
         self, image: Image, timestamp_ms: int, image_processing_options: Any = None
@@ -175,17 +175,19 @@ class FaceLandmarker:
         if self._options.running_mode is not mode:
             raise ValueError(f"the landmarker runs in the mode {self._options.running_mode.value}, not {mode.value}")
 
-    def _later(self, timestamp_ms: int) -> int:
+    def _later(self, timestamp_ms: int) -> float:
         if timestamp_ms <= self._last_ms:
             raise ValueError("Input timestamp must be monotonically increasing.")
+        # Pictures may be any time apart, as with MediaPipe. After a second without a picture nothing is smoothed in any case.
+        self._clock_ms += min(timestamp_ms - self._last_ms, 1000)
         self._last_ms = timestamp_ms
-        return timestamp_ms
+        return self._clock_ms / 1000
 
-    def _find(self, image: Image, timestamp_ms: int) -> FaceLandmarkerResult:
+    def _find(self, image: Image, time_s: float) -> FaceLandmarkerResult:
         if self._tracker is None:
             raise ValueError("the landmarker is closed")
         kind = {ImageFormat.SRGB: "rgb", ImageFormat.SRGBA: "rgba"}.get(image.image_format, "grey")
-        faces = self._tracker.process_all(image.numpy_view(), timestamp_ms / 1000, format=kind)  # type: ignore[arg-type]
+        faces = self._tracker.process_all(image.numpy_view(), time_s, format=kind)  # type: ignore[arg-type]
         options = self._options
         return FaceLandmarkerResult(
             [normalized(face, image.width, image.height) for face in faces],

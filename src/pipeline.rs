@@ -208,7 +208,10 @@ pub fn shaping(settings: &Settings) -> Shaping {
         group.filter(kind, seconds(ms))
     };
     let filters = Filters::new(of_group, smoothing.head, seconds(smoothing.head_ms));
-    Shaping { rules: settings.plausibility, filters, adjustments: settings.adjust.clone() }
+    let mut shaping = Shaping::only(filters);
+    shaping.rules = settings.plausibility;
+    shaping.adjustments = settings.adjust.clone();
+    shaping
 }
 
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {

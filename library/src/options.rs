@@ -1,8 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use facewire_face::{
-    Adjustments, EngineChoice, FilterKind, Filters, Group, Model, NeutralMode, Profile, Rules, Shaping, engine,
-};
+use facewire_face::{EngineChoice, FilterKind, Filters, Group, Model, NeutralMode, Profile, Rules, Shaping, engine};
 
 use crate::{Error, FaceTracker};
 
@@ -50,18 +48,17 @@ pub fn default_shaping() -> Shaping {
         };
         group.filter(FilterKind::GatedAverage, time_s)
     };
-    Shaping {
-        rules: Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 },
-        filters: Filters::new(filter, FilterKind::GatedAverage, 0.35),
-        adjustments: Adjustments::default(),
-    }
+    let mut shaping = Shaping::only(Filters::new(filter, FilterKind::GatedAverage, 0.35));
+    shaping.rules = Rules::ALL;
+    shaping
 }
 
 impl Options {
     /// The options of single pictures that have nothing to do with each other: no filters, no history, and the neutral face is
     /// that of the profile, or the mean of many people.
     pub fn for_stills() -> Self {
-        let shaping = Shaping { filters: Filters::OFF, ..default_shaping() };
+        let mut shaping = default_shaping();
+        shaping.filters = Filters::OFF;
         Self { stills: true, shaping, neutral: NeutralMode::Off, ..Self::default() }
     }
 

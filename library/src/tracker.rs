@@ -37,16 +37,6 @@ pub struct Face {
 }
 
 impl Face {
-    const NONE: Self = Self {
-        id: 0,
-        landmarks: Landmarks::zero(),
-        coefficients: [0.0; COEFFS],
-        head: HeadPose { rotation_xyzw: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3] },
-        gaze: Gaze { yaw_pitch_deg: [0.0; 2], vergence_deg: 0.0 },
-        neutral: NeutralFace::Mean,
-        score: 0.0,
-    };
-
     /// The coefficient of this name, such as `jawOpen`.
     pub fn coefficient(&self, name: &str) -> Option<f32> {
         let index = BLENDSHAPES.iter().position(|known| *known == name)?;
@@ -54,11 +44,19 @@ impl Face {
     }
 }
 
-/// A face with the identifier 0, whose values are all 0 and which does not turn: a program fills it to restore a face that it kept,
-/// or in a test.
+/// A face with the identifier 0, whose values are all 0 and which does not turn: a program fills it to restore a face that it
+/// kept, or in a test.
 impl Default for Face {
     fn default() -> Self {
-        Self::NONE
+        Self {
+            id: 0,
+            landmarks: Landmarks::zero(),
+            coefficients: [0.0; COEFFS],
+            head: HeadPose::from_rotation([0.0, 0.0, 0.0, 1.0], [0.0; 3]),
+            gaze: Gaze::default(),
+            neutral: NeutralFace::Mean,
+            score: 0.0,
+        }
     }
 }
 
@@ -96,7 +94,14 @@ impl FaceTracker {
         let seat = |model| -> Result<Seat, InferError> {
             let mut solver = Solver::new(model, options.profile.clone(), options.shaping.clone());
             solver.neutral_mode = options.neutral;
-            Ok(Seat { mesh: Mesh::load(engine)?, solver, region: None, last: None, is_seen: false, face: Face::NONE })
+            Ok(Seat {
+                mesh: Mesh::load(engine)?,
+                solver,
+                region: None,
+                last: None,
+                is_seen: false,
+                face: Face::default(),
+            })
         };
         Ok(Self {
             detector: Detector::load(engine)?,
@@ -112,13 +117,15 @@ impl FaceTracker {
     /// Returns the face in a picture that was taken at `time` since any moment that stays the same. If several faces are
     /// followed, this is the one that has been followed longest. Does not allocate, except with [`Options::for_stills`].
     ///
-    /// A time before the last one begins anew: the filters forget the past.
+    /// A time before the last one begins anew: the filters forget the past. A picture is an error if its fields were changed to
+    /// what does not fit its samples.
     pub fn process(&mut self, picture: &Picture, time: Duration) -> Result<Option<&Face>, Error> {
         Ok(self.process_all(picture, time)?.min_by_key(|face| face.id))
     }
 
     /// Returns all faces in a picture, like [`FaceTracker::process`].
     pub fn process_all(&mut self, picture: &Picture, time: Duration) -> Result<impl Iterator<Item = &Face>, Error> {
+        check(picture)?;
         if self.is_for_stills {
             self.reset();
         }
@@ -196,6 +203,18 @@ impl FaceTracker {
                 }
             }
         }
+    }
+}
+
+/// Checks again what [`Picture::new`] has checked, because fields can be changed.
+fn check(picture: &Picture) -> Result<(), Error> {
+    let Picture { width, height, pixels, full_range, .. } = *picture;
+    match Picture::new(width, height, pixels, full_range) {
+        Some(_) => Ok(()),
+        None => Err(Error::Picture(format!(
+            "the picture of {width} x {height} pixels is not complete: its fields were changed to what does not fit its \
+             samples; make it by Picture::new"
+        ))),
     }
 }
 

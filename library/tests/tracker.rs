@@ -251,6 +251,83 @@ fn a_face_that_has_left_is_gone_while_the_other_stays() {
     });
 }
 
+/// Every way to make this picture wrong by its fields, after it was checked.
+fn spoilt<'a>(whole: &Picture<'a>) -> Vec<Picture<'a>> {
+    let mut all = Vec::new();
+    for [width, height] in [[0, 480], [640, 0], [641, 480], [640, 481], [4097, 480], [640, 4097], [usize::MAX; 2]] {
+        all.push(Picture { width, height, ..*whole });
+    }
+    let mut add = |pixels: Vec<Pixels<'a>>| all.extend(pixels.into_iter().map(|pixels| Picture { pixels, ..*whole }));
+    let strides = |whole: usize| [0, 1, whole - 1, whole + 1, usize::MAX];
+    let short = |plane: &'a [u8]| [&plane[..0], &plane[..1], &plane[..plane.len() - 1]];
+    match whole.pixels {
+        Pixels::Yuyv { data, stride } => {
+            add(strides(stride).map(|stride| Pixels::Yuyv { data, stride }).into());
+            add(short(data).map(|data| Pixels::Yuyv { data, stride }).into());
+        }
+        Pixels::Grey { data, stride } => {
+            add(strides(stride).map(|stride| Pixels::Grey { data, stride }).into());
+            add(short(data).map(|data| Pixels::Grey { data, stride }).into());
+        }
+        Pixels::Packed { data, stride, step, rgb } => {
+            add(strides(stride).map(|stride| Pixels::Packed { data, stride, step, rgb }).into());
+            add(short(data).map(|data| Pixels::Packed { data, stride, step, rgb }).into());
+            add([0, 1, step + 1, usize::MAX].map(|step| Pixels::Packed { data, stride, step, rgb }).into());
+            add([[step, 0, 1], [0, 1, usize::MAX]].map(|rgb| Pixels::Packed { data, stride, step, rgb }).into());
+        }
+        Pixels::Nv12 { luma, chroma, stride } => {
+            add(strides(stride).map(|stride| Pixels::Nv12 { luma, chroma, stride }).into());
+            add(short(luma).map(|luma| Pixels::Nv12 { luma, chroma, stride }).into());
+            add(short(chroma).map(|chroma| Pixels::Nv12 { luma, chroma, stride }).into());
+        }
+        Pixels::Planar { planes, strides: both, chroma_shift } => {
+            for at in 0..3 {
+                for plane in short(planes[at]) {
+                    let mut planes = planes;
+                    planes[at] = plane;
+                    add(vec![Pixels::Planar { planes, strides: both, chroma_shift }]);
+                }
+            }
+            for at in 0..2 {
+                for stride in strides(both[at]) {
+                    let mut both = both;
+                    both[at] = stride;
+                    add(vec![Pixels::Planar { planes, strides: both, chroma_shift }]);
+                }
+            }
+            let shifts = [[3, 0], [0, 3], [64, 64], [255, 255]];
+            add(shifts.map(|chroma_shift| Pixels::Planar { planes, strides: both, chroma_shift }).into());
+        }
+    }
+    all
+}
+
+#[test]
+fn a_picture_whose_fields_were_changed_to_what_does_not_fit_is_an_error_and_never_a_panic() {
+    let mut tracker = FaceTracker::new().unwrap();
+    play(1, |picture, time| {
+        let luma = grey(picture);
+        for format in Format::ALL {
+            let mut samples = vec![128; format.row_bytes(SIZE[0]) * SIZE[1] * 3];
+            samples[..luma.len()].copy_from_slice(&luma);
+            let length = (1..=samples.len()).rev();
+            let fits = |length: &usize| format.picture(&samples[..*length], SIZE).is_ok();
+            let least = length.take_while(fits).last().unwrap();
+            let whole = format.picture(&samples[..least], SIZE).unwrap();
+            for wrong in spoilt(&whole) {
+                // While a face is followed, the networks look at its region alone.
+                assert!(tracker.process(picture, time).unwrap().is_some());
+                let found = tracker.process(&wrong, time).map(|face| face.is_some());
+                let [width, height, length] = [wrong.width, wrong.height, least];
+                assert!(
+                    matches!(&found, Err(Error::Picture(message)) if message.contains("not complete")),
+                    "{format:?} of {width} x {height}, {length} bytes: {found:?}"
+                );
+            }
+        }
+    });
+}
+
 #[test]
 fn single_pictures_have_no_history() {
     let mut tracker = Options::for_stills().max_faces(2).open().unwrap();

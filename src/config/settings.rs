@@ -23,7 +23,7 @@ section! {
         solver: SolverSettings = SolverSettings::default(), Table;
         smoothing: SmoothingSettings = SmoothingSettings::default(), Table;
         wearer: WearerSettings = WearerSettings::default(), Table;
-        plausibility: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 }, Table;
+        plausibility: Rules = Rules::ALL, Table;
         adjust: Adjustments = Adjustments::default(), Table;
         failsafe: FailsafeSettings = FailsafeSettings::default(), Table;
         send: SendSettings = SendSettings::default(), Table;

@@ -15,6 +15,7 @@ pub(super) const FRAME_S: f32 = 1.0 / 30.0;
 
 /// How a value is smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Filter {
     /// The kind of filter.
     pub kind: FilterKind,
@@ -26,6 +27,7 @@ pub struct Filter {
 
 /// A kind of filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FilterKind {
     /// Every value passes unchanged.
     Off,

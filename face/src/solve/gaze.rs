@@ -39,6 +39,7 @@ const SHUT: f32 = 0.4;
 
 /// Where both eyes look, in the axes of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Gaze {
     /// The turns to the person's left and upwards, degrees.
     pub yaw_pitch_deg: [f32; 2],

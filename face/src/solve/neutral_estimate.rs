@@ -37,6 +37,7 @@ const FOLLOW_S: f32 = 5.0;
 
 /// What the estimate does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum NeutralMode {
     /// Learns and is used.
     Auto,

@@ -14,6 +14,7 @@ use super::{BLENDSHAPES, COEFFS, Coefficients, correction::smoothstep};
 /// The rules that are in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::struct_excessive_bools, reason = "each rule is a switch of its own")]
+#[non_exhaustive]
 pub struct Rules {
     /// `mouthClose` is at most `jawOpen`.
     pub mouth_close: bool,
@@ -28,6 +29,8 @@ pub struct Rules {
 }
 
 impl Rules {
+    /// What the service does by default: all rules.
+    pub const ALL: Self = Self { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 };
     /// No rules.
     pub const OFF: Self = Self { mouth_close: false, opposed: false, lids: false, gaze: false, dead_zone: 0.0 };
 

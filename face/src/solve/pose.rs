@@ -41,6 +41,7 @@ impl Camera {
 
 /// Position and orientation of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct HeadPose {
     /// Rotation as a unit quaternion x, y, z, w with w not negative.
     pub rotation_xyzw: [f32; 4],

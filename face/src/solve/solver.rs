@@ -42,6 +42,7 @@ impl From<&Solution> for Pose {
 /// Why landmarks give no solution. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
+#[non_exhaustive]
 pub enum SolveError {
     #[error("a landmark is not a number; the landmark network or its input is damaged")]
     NotFinite,
@@ -89,6 +90,7 @@ impl Default for Profile {
 /// What settings make of corrected coefficients and of the head's pose.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(missing_docs, reason = "the types say it")]
+#[non_exhaustive]
 pub struct Shaping {
     pub rules: Rules,
     pub filters: Filters,

@@ -189,10 +189,7 @@ fn sizes_and_rates_are_taken_as_the_driver_grants_them() {
         (Camera { granted_interval: Some([1, 15]), ..Camera::default() }, "YUYV 640x480 at 15 fps"),
         (Camera { granted_format: Some("NV12"), ..Camera::default() }, "NV12 640x480 at 30 fps"),
         (Camera { granted_size: Some([320, 240]), ..Camera::default() }.multi_planar(), "YUYV 320x240 at 30 fps"),
-        (
-            Camera { sizes: Listing::Unlisted([352, 288]), planes: 1, ..Camera::default() }.multi_planar(),
-            "YUYV 352x288 at 30 fps",
-        ),
+        (Camera { sizes: Listing::Unlisted([352, 288]), ..Camera::default() }.multi_planar(), "YUYV 352x288 at 30 fps"),
         (Camera::failing("S_PARM", Errno::NOTTY).multi_planar(), "YUYV 640x480 at 30 fps"),
         (Camera::failing("S_PARM", Errno::NOTTY), "YUYV 640x480 at 30 fps"),
         (Camera::failing("ENUM_FRAMEINTERVALS", Errno::NOTTY), "YUYV 640x480\n"),
@@ -474,6 +471,10 @@ fn a_camera_that_facewire_cannot_read_is_named_with_what_it_offers() {
         let said = refusal(&machine, &settings_for(device));
         assert!(said.starts_with(planes), "{said}");
     }
+    // The driver lists a format of one plane, and then sets it with two.
+    let wrong = Cameras::one(&Camera { formats: &["NV12"], planes: 2, ..Camera::default() }.multi_planar());
+    let said = refusal(&wrong, AUTO);
+    assert!(said.starts_with(planes), "{said}");
     let listed = machine.run(&["devices"]).succeeded().out;
     assert!(listed.contains(&format!("no camera\nnot read: {planes}")), "{listed}");
     machine.plug(1, &Camera { card: "Webcam", formats: &["MJPG"], ..Camera::default() });

@@ -639,7 +639,8 @@ static int is_in(const struct queue *queue, uint32_t buffer)
 static int queue_buffer(struct camera *camera, struct v4l2_buffer *buffer)
 {
     int error = check_buffer(camera, buffer);
-    if (error || buffer->memory != V4L2_MEMORY_MMAP || is_in(&camera->queued, buffer->index) || is_in(&camera->filled, buffer->index))
+    int is_with_driver = is_in(&camera->queued, buffer->index) || is_in(&camera->filled, buffer->index);
+    if (error || buffer->memory != V4L2_MEMORY_MMAP || is_with_driver)
         return EINVAL;
     append(&camera->queued, buffer->index);
     return 0;

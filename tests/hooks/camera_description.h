@@ -12,7 +12,7 @@
  *   granted_interval SECONDS/FRAMES
  *   pace SECONDS/FRAMES                          the true interval of frames, whatever the driver says
  *   stride, image_bytes, colorspace, quantization, field NUMBER
- *   planes NUMBER                                the planes of a multi-planar camera's formats, of which it fills the first alone
+ *   planes NUMBER                                the planes of a multi-planar camera's formats; it fills the first alone
  *   data_offset NUMBER                           bytes in front of the picture, in that plane
  *   frames FOLDER                                with files 0000, 0001, ..., shown in turn; without it, grey pixels
  *   limit COUNT                                  COUNT frames after the start of the stream, then none

@@ -1,5 +1,5 @@
-//! An open camera, by the interface that its driver has: the kernel's older one, for which there is the crate v4l, or the one for
-//! pictures in several planes of memory (`planes`).
+//! An open camera, by the interface that its driver has: the kernel's older one, for which there is the crate v4l, or the one
+//! for pictures in several planes of memory (`planes`).
 
 use std::fs::File;
 use std::io;

@@ -1,8 +1,8 @@
 //! Cameras of the kernel's `Video4Linux2` interface.
 //!
 //! `probe` lists the cameras, `select` decides which of them to try for a setting, `mode` chooses among the modes that a
-//! camera offers, `stream` waits for the newest buffer, `clock` judges its time, and `layout` checks and keeps its pixels. `device`
-//! is a camera by either of the kernel's interfaces, and `planes` the one for several planes.
+//! camera offers, `stream` waits for the newest buffer, `clock` judges its time, and `layout` checks and keeps its pixels.
+//! `device` is a camera by either of the kernel's interfaces, and `planes` has the one for several planes.
 //!
 //! Contract: every error except a damaged frame ends the source, which must then be closed and opened again. Unplugged
 //! cameras and faulty drivers cause errors, never panics.

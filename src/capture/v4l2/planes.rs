@@ -1,8 +1,8 @@
 //! Cameras that only have the kernel's interface for pictures in several planes of memory, as most of those at a camera
 //! connector or an HDMI input have. They are read in the formats that need one plane for a whole picture.
 //!
-//! Contract: the buffers are those of the crate v4l, which knows the other interface alone: [`Planes`] has the same traits, calls
-//! the driver in the same order, and fails with the same errors.
+//! Contract: [`Planes`] behaves like the mapped buffers of the crate v4l, which knows the other interface alone. It has the
+//! same traits, calls the driver in the same order, and fails with the same errors.
 //!
 //! Limits: the interval that the driver sets is not known, because reading it would need `unsafe`.
 

@@ -42,7 +42,7 @@ pub(super) fn start(device: &Device, path: &Path) -> Result<Buffers, CaptureErro
     Ok(mapped)
 }
 
-/// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked. A camera that was unplugged
+/// Stops a stream and drops it. A stream that cannot be stopped is leaked. A camera that was unplugged
 /// counts as stopped.
 pub(super) fn release<S: Stream + ?Sized>(mut mapped: Box<S>, path: &Path) -> Result<(), CaptureError> {
     let is_interrupted = |error: &io::Error| error.kind() == io::ErrorKind::Interrupted;

@@ -15,12 +15,12 @@ for test in 1:yuyv 1:nv12 1:grey 2:yuyv 2:nv12; do
         load_vivid 2
         v4l2-ctl --device /dev/video0 --info | grep -q 'Video Capture Multiplanar' || fail 'vivid is not multi-planar'
     fi
-    configure /dev/video0 $format
+    configure /dev/video0 "$format"
     printf '[console]\npicture = true\n' >>$work/facewire.toml
     start_service
     await passed neutral/no_face
     await read_frames 3
-    [ $format = grey ] || python3 colours.py $format || fail "$test: the picture is wrong"
+    [ "$format" = grey ] || python3 colours.py "$format" || fail "$test: the picture is wrong"
     stop_service
     grep -o 'camera opened: .*' $work/log
     grep -qi "camera opened: .*$format" $work/log || fail "the camera was not opened in $format"

@@ -210,7 +210,7 @@ class Release(unittest.TestCase):
 
     def test_a_full_disk_is_found_before_anything_is_built(self):
         self.stand_in("bin/df", "echo Avail; echo 7999999999")
-        self.assert_refused(f"{self.root}/target has 7 GB of free space, but a release takes up to 8 GB: free some, or name")
+        self.assert_refused(f"{self.root}/target has 7 GB of free space, but a release needs 8 GB: free some, or name")
 
     def test_a_release_that_is_there_stays(self):
         folder = self.root / "target/release-1.2.3"

@@ -49,21 +49,19 @@ with_progress() {
 unreachable='Temporary failure resolving|Could not resolve|Something wicked happened resolving|[Cc]ould not connect'
 unreachable+='|Unable to connect|Cannot initiate the connection|Connection (failed|refused|timed out)|Network is unreachable'
 unreachable+='|response from proxy'
-# Whether apt_get has found that apt reaches no server.
-is_offline=''
+# Whether the last apt_get has found that apt reaches a server no more, and that it knows no such package.
+is_offline='' lacks_lists=''
 
 # apt_get ARGUMENT...: runs apt-get as root. While another package manager holds one of its locks, says so and tries again,
 # because apt's DPkg::Lock::Timeout does not cover the locks of the package lists and of the downloads.
 apt_get() {
-    local become=() proxies=() log status tries holder begin=$SECONDS said=$SECONDS
-    ((EUID == 0)) || become=(sudo)
-    # sudo passes no variables on.
-    [[ -z ${http_proxy:-} ]] || proxies+=("http_proxy=$http_proxy")
-    [[ -z ${https_proxy:-} ]] || proxies+=("https_proxy=$https_proxy")
+    local become=() log status tries holder begin=$SECONDS said=$SECONDS
+    # By itself, sudo passes no variables on.
+    ((EUID == 0)) || become=(sudo "--preserve-env=http_proxy,https_proxy,no_proxy")
     log=$(mktemp)
     for ((tries = 0; tries < 120; tries++)); do
         status=0
-        watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C "${proxies[@]}" apt-get --quiet=2 "$@" || status=$?
+        watched "$log" "apt-get $1" "${become[@]}" env LC_ALL=C apt-get --quiet=2 "$@" || status=$?
         holder=''
         ((status == 0)) || holder=$(grep -m 1 'Could not get lock\|is another process using it\|locked by another process' "$log") || true
         [[ -n $holder ]] || break
@@ -75,7 +73,9 @@ apt_get() {
         fi
         sleep 5
     done
+    is_offline='' lacks_lists=''
     ! grep -qE "$unreachable" "$log" || is_offline=yes
+    ! grep -qE 'Unable to locate package|no installation candidate' "$log" || lacks_lists=yes
     [[ $status == 0 || -n $holder ]] || tail -n 5 "$log" >&2
     rm -f "$log"
     [[ -z $holder ]] || fail "another package manager has been at work for ten minutes (${holder#E: }): try again when it has ended"
@@ -84,14 +84,15 @@ apt_get() {
 
 # apt_install PACKAGE...: installs Debian packages.
 apt_install() {
-    local command=(apt-get install --no-install-recommends --yes "$@")
+    local was_offline command=(apt-get install --no-install-recommends --yes "$@")
     command -v apt-get >/dev/null || fail "missing, by their Debian names: $*"
     ((EUID == 0)) || command -v sudo >/dev/null || fail "missing: $*. As root: ${command[*]}"
     say "installing $*"
-    is_offline=''
     apt_get update || say 'apt-get update failed; trying with the lists at hand'
+    was_offline=$is_offline
     apt_get "${command[@]:1}" && return
-    [[ -z $is_offline ]] || fail "could not install $*, because apt reaches no server: is this machine online? \
+    # One source that does not answer prevents nothing by itself.
+    [[ -z $is_offline && ! ($was_offline && $lacks_lists) ]] || fail "could not install $*, because apt reaches no server: is this machine online? \
 Behind a proxy, set http_proxy. Then try again, or by hand: ${command[*]}"
     fail "could not install $*: the lines above say why. By hand: ${command[*]}"
 }

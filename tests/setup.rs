@@ -56,7 +56,7 @@ impl Machine {
         // It gets a program on its standard input.
         machine.stand_in("cc", "cat >/dev/null");
         machine.stand_in("cargo", "echo cargo 99.0.0");
-        machine.stand_in("sudo", "exec \"$@\"");
+        machine.stand_in("sudo", "shift; exec \"$@\"");
         let apt = format!(
             "cd {folder}; echo \"$@\" >>asked\n\
              if [ -e held ]; then echo '{HELD}' >&2; exit 100; fi\n\

@@ -91,7 +91,7 @@ function Guide({ progress }) {
     "get-ready": "Get ready.",
     wait: waits ? REFUSALS[waits] : "Take the pose.",
     measure: "Hold it.",
-    ended: waits ? "Ended without a profile." : "Done.",
+    ended: waits ? "Ended without a profile." : "Measured.",
   }[phase];
   return html`<section class="panel guide" aria-label="Calibration">
     <div class="pictures"><${Picture} hidesControls /><${Head} raised=${raised} /></div>

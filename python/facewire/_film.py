@@ -22,7 +22,7 @@ class _Frame(NamedTuple):
 class TrackedFrame(_Frame):
     """A frame of a video: the tuple `(number, time_s, face)`, with all faces as `faces`."""
 
-    faces: Tuple[Face, ...]
+    faces: Tuple[Face, ...] = ()
     """All faces in the frame, at most `max_faces`; the one that has been followed longest comes first. No part of the tuple."""
 
     def __new__(cls, number: int, time_s: float, face: Optional[Face], faces: Iterable[Face] = ()) -> TrackedFrame:

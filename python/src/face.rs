@@ -85,6 +85,12 @@ fn unknown_name(py: Python<'_>, name: &str) -> PyResult<PyErr> {
     Ok(PyKeyError::new_err(format!("{name} is not a blendshape; {hint}")))
 }
 
+impl Face {
+    fn coefficient(&self, name: &Bound<'_, PyAny>) -> Option<f32> {
+        self.found.coefficient(&name.extract::<String>().ok()?)
+    }
+}
+
 #[pymethods]
 impl Face {
     /// Stays the same while a face is followed.
@@ -139,24 +145,24 @@ impl Face {
         self.found.score
     }
 
-    fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<f32> {
-        match self.found.coefficient(name) {
+    fn __getitem__(&self, name: &Bound<'_, PyAny>) -> PyResult<f32> {
+        match self.coefficient(name) {
             Some(value) => Ok(value),
-            None => Err(unknown_name(py, name)?),
+            None => Err(unknown_name(name.py(), &name.str()?.to_string_lossy())?),
         }
     }
 
     /// Returns the coefficient of this name, or `default` if there is none.
     #[pyo3(signature = (name, default=None))]
-    fn get<'py>(&self, py: Python<'py>, name: &str, default: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
-        match self.found.coefficient(name) {
-            Some(value) => value.into_bound_py_any(py),
-            None => default.into_bound_py_any(py),
+    fn get<'py>(&self, name: &Bound<'py, PyAny>, default: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        match self.coefficient(name) {
+            Some(value) => value.into_bound_py_any(name.py()),
+            None => default.into_bound_py_any(name.py()),
         }
     }
 
     fn __contains__(&self, name: &Bound<'_, PyAny>) -> bool {
-        name.extract::<String>().is_ok_and(|name| self.found.coefficient(&name).is_some())
+        self.coefficient(name).is_some()
     }
 
     fn __len__(&self) -> usize {
@@ -182,8 +188,11 @@ impl Face {
         self.blendshapes(py)?.call_method0("items")
     }
 
-    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
-        other.cast::<Self>().is_ok_and(|other| self.found == other.get().found)
+    fn __eq__<'py>(&self, other: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        match other.cast::<Self>() {
+            Ok(other) => (self.found == other.get().found).into_bound_py_any(other.py()),
+            Err(_) => Ok(other.py().NotImplemented().into_bound(other.py())),
+        }
     }
 
     fn __hash__(&self) -> u64 {

@@ -8,6 +8,8 @@ use pyo3::prelude::*;
 
 /// The tag of EXIF that says how the camera was held; 1 is upright.
 const EXIF_ORIENTATION: u16 = 0x0112;
+/// The orientations of EXIF that are not upright, each with Pillow's number of the transposition that turns it.
+const TRANSPOSITIONS: [(u16, u8); 7] = [(2, 0), (3, 3), (4, 1), (5, 5), (6, 4), (7, 6), (8, 2)];
 
 /// An array of samples, and what they are.
 pub struct Frame<'py> {
@@ -104,11 +106,13 @@ fn upright<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     if !given.hasattr("getexif")? {
         return Ok(given.clone());
     }
-    let orientation = given.call_method0("getexif")?.call_method1("get", (EXIF_ORIENTATION, 1))?;
-    if orientation.eq(1)? {
-        return Ok(given.clone());
+    let exif = given.call_method0("getexif").and_then(|exif| exif.call_method1("get", (EXIF_ORIENTATION, 1)));
+    // Damaged EXIF data say nothing about the picture.
+    let orientation = exif.and_then(|orientation| orientation.extract::<u16>()).unwrap_or(1);
+    match TRANSPOSITIONS.iter().find(|(known, _)| *known == orientation) {
+        Some((_, transposition)) => given.call_method1("transpose", (*transposition,)),
+        None => Ok(given.clone()),
     }
-    given.py().import("PIL.ImageOps")?.call_method1("exif_transpose", (given,))
 }
 
 fn check_size(size: [usize; 2]) -> PyResult<()> {

@@ -59,6 +59,8 @@ impl Times {
             return Ok(());
         }
         self.long_steps -= 1;
+        // A short step after this one shows that the times were right.
+        self.last = Some(Last { time, is_given: true });
         wrong(format!(
             "the first pictures are {} seconds apart: time_s seems to be in milliseconds; divide it by 1000, or make the \
              tracker with stills=True if the pictures are so far apart",

@@ -140,7 +140,9 @@ class Results(unittest.TestCase):
         self.assertEqual({**face}, face.blendshapes)
         self.assertTrue("jawOpen" in face and "smile" not in face and 3 not in face)
         self.assertEqual(face.get("jawOpen"), face["jawOpen"])
-        self.assertEqual((face.get("smile"), face.get("smile", 0.5)), (None, 0.5))
+        self.assertEqual((face.get("smile"), face.get("smile", 0.5), face.get(0)), (None, 0.5, None))
+        self.assertRaises(KeyError, lambda: face[0])
+        self.assertEqual(face, unittest.mock.ANY)
 
     def test_an_unknown_name_of_a_coefficient_is_a_key_error_with_the_nearest_name(self):
         face = facewire.FaceTracker(stills=True).process(PICTURE)
@@ -230,6 +232,9 @@ class Results(unittest.TestCase):
             upright.transpose(turn).save(stored, "png", exif=exif)
             found = facewire.FaceTracker(stills=True).process(PIL.Image.open(stored))
             self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), orientation)
+        with unittest.mock.patch.object(PIL.Image.Image, "getexif", side_effect=SyntaxError("not a TIFF file")):
+            found = facewire.FaceTracker(stills=True).process(upright)
+        self.assertEqual(found.landmarks.tobytes(), wanted.landmarks.tobytes(), "damaged EXIF data")
 
     def test_names_of_formats_may_be_in_upper_case(self):
         rgb = numpy.ascontiguousarray(PICTURE[:, :, ::-1])
@@ -296,6 +301,7 @@ class Results(unittest.TestCase):
         for frame in both:
             again = pickle.loads(pickle.dumps(frame))
             self.assertEqual((again, again.faces), (frame, frame.faces))
+        self.assertEqual(both[0]._replace(time_s=1.0).faces, ())
 
     def test_both_decoders_give_the_same_pictures_at_the_same_times_the_right_way_up(self):
         def times_ms(number):
@@ -342,6 +348,14 @@ class Times(unittest.TestCase):
     def test_long_gaps_after_a_beginning_without_are_no_fault(self):
         tracker = facewire.FaceTracker()
         for time_s in (0.0, 0.04, *range(100, 1000, 100)):
+            self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+    def test_a_short_step_after_times_that_were_refused_shows_that_they_were_right(self):
+        tracker = facewire.FaceTracker()
+        with self.assertRaisesRegex(ValueError, "seems to be in milliseconds"):
+            for number in range(6):
+                tracker.process(PICTURE, 6.0 * number)
+        for time_s in (30.1, 40.0, 50.0):
             self.assertIsNotNone(tracker.process(PICTURE, time_s))
 
     def test_a_picture_that_is_refused_leaves_no_time(self):

@@ -87,7 +87,13 @@ impl CaptureError {
         if [Errno::NODEV, Errno::NXIO].map(|gone| Some(gone.raw_os_error())).contains(&source.raw_os_error()) {
             return Self::Gone;
         }
-        let remedy = "if this happens again, unplug it and plug it in again";
+        // Drivers of a camera connector refuse to start with these while nothing is connected to their nodes.
+        let lacks_pipeline = [Errno::PIPE, Errno::NOLINK].map(|errno| Some(errno.raw_os_error()));
+        let remedy = if lacks_pipeline.contains(&source.raw_os_error()) {
+            "its pipeline is not set up: set it up by `media-ctl`, or use another camera"
+        } else {
+            "if this happens again, unplug it and plug it in again"
+        };
         Self::Unusable(format!("the camera failed while {during}: {source}; {remedy}"))
     }
 
@@ -186,6 +192,12 @@ mod tests {
         assert!(sentence(IDENTIFYING).starts_with("/dev/video7 is not a camera"));
         let refused = sentence("starting it");
         assert!(refused.starts_with("the camera failed while starting it: "), "{refused}");
+    }
+
+    #[test]
+    fn a_camera_connector_without_a_pipeline_is_no_camera_to_unplug() {
+        let sentence = CaptureError::device(Path::new("/dev/video7"), "starting it", Errno::PIPE.into()).to_string();
+        assert!(sentence.contains("its pipeline is not set up") && !sentence.contains("unplug"), "{sentence}");
     }
 
     #[test]

@@ -207,7 +207,7 @@ fn lines(progress: &Progress) -> [String; 3] {
     let refused = refused.unwrap_or_default();
     let state = match (phase, progress.waits_for) {
         (Phase::Measure, _) => "hold it".to_owned(),
-        (Phase::Ended, None) => "done".to_owned(),
+        (Phase::Ended, None) => "measured".to_owned(),
         (Phase::Ended, Some(_)) => "ended without a profile".to_owned(),
         (_, Some(why)) => format!("waiting. {why}"),
         (Phase::GetReady, None) => "get ready".to_owned(),

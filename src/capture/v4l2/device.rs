@@ -38,7 +38,12 @@ impl Device {
     /// The camera that was opened to examine it. One with several planes is opened a second time, because its buffers must be
     /// mapped by a descriptor that the crate v4l does not lend.
     pub(super) fn new(examined: v4l::Device, node: &Path, is_multi_planar: bool) -> io::Result<Self> {
-        if is_multi_planar { planes::Device::open(node).map(Self::Multi) } else { Ok(Self::Single(examined)) }
+        if !is_multi_planar {
+            return Ok(Self::Single(examined));
+        }
+        // Some drivers may be opened only once.
+        drop(examined);
+        planes::Device::open(node).map(Self::Multi)
     }
 
     /// Asks for a format, and returns the one that the driver has set, unless its pictures need several planes.

@@ -28,9 +28,21 @@ const VIDEO_MAJOR: u32 = 81;
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
 /// Drivers of a processor's own units, whose nodes capture by the kernel's words but are no cameras: codecs and image signal
-/// processors, which convert pictures, and bare receivers, which need libcamera or `media-ctl` first. Most are a Raspberry
-/// Pi's, and `isys` is a laptop's. A path selects such a node nevertheless.
-const NO_CAMERAS: [&str; 7] = ["bcm2835-codec", "bcm2835-isp", "isys", "pispbe", "rp1-cfe", "rpi-hevc-dec", "rpivid"];
+/// processors, which convert pictures, and bare receivers, which need libcamera or `media-ctl` first. A path selects such a node
+/// nevertheless.
+const NO_CAMERAS: [&str; 11] = [
+    "bcm2835-codec",
+    "bcm2835-isp",
+    "ipu3-imgu",
+    "isys",
+    "mxc-isi",
+    "pispbe",
+    "qcom-camss",
+    "rkisp1",
+    "rp1-cfe",
+    "rpi-hevc-dec",
+    "rpivid",
+];
 
 /// A camera with its modes in the supported formats.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -3,7 +3,7 @@
 //! A camera that cannot be used now, such as one that another program uses, must not keep facewire from the next one. So
 //! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the cameras
 //! with colours, of these the USB cameras, of these the one with the lowest number. Those that failed follow, the last one
-//! that failed at the end.
+//! that failed at the end. Multi-planar cameras come after all others.
 
 use std::path::{Path, PathBuf};
 
@@ -38,7 +38,8 @@ fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish
         ranked.retain(is_usable);
     }
     let turn = |camera: &Camera| failed.iter().position(|node| *node == camera.node).map_or(0, |at| at + 1);
-    ranked.sort_by_key(|camera| (turn(camera), !has_colours(camera), !camera.is_usb));
+    // Those of a connector on the board may need to be set up first, and then fail each time.
+    ranked.sort_by_key(|camera| (camera.is_multi_planar, turn(camera), !has_colours(camera), !camera.is_usb));
     ranked
 }
 
@@ -188,6 +189,15 @@ mod tests {
             let cards = ranked.iter().map(|camera| camera.card.as_str());
             assert!(cards.eq(["AIR Camera", "Camera IRIS I", card]), "{card}");
         }
+    }
+
+    #[test]
+    fn multi_planar_cameras_come_after_all_others_even_those_that_have_failed() {
+        let yuyv = Some(PixelFormat::YUYV);
+        let planes = Camera { is_multi_planar: true, ..camera(2, "Connector", yuyv) };
+        let cameras = [planes, camera(4, "Webcam", yuyv)];
+        let ranked = rank(&["/dev/video4".into()], &cameras, "auto", &WISH);
+        assert!(ranked.iter().map(|camera| camera.card.as_str()).eq(["Webcam", "Connector"]));
     }
 
     #[test]

@@ -287,7 +287,7 @@ fn a_release_that_the_disk_does_not_keep_is_done_and_says_so() {
     let (disk, waits) = mpsc::channel::<()>();
     rig.server.peers.keeper.begin(move || waits.recv());
     let answer = rig.release();
-    assert!(matches!(answer, Some(Reply::Done(done)) if done.contains("not yet kept")));
+    assert!(matches!(answer, Some(Reply::Done(done)) if done.contains("not kept this yet")));
     drop(disk);
 }
 

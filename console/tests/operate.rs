@@ -110,6 +110,10 @@ fn turn_to(browser: &mut Browser, page: &str) {
     // Every page but the first waits for an answer of the console.
     browser.wait_until("document.querySelector('main > section:not([hidden])').innerText.length > 60");
     browser.wait_until("document.getElementById('state').textContent === 'live'");
+    if page == "health" {
+        // The plots come with an answer of their own.
+        browser.wait_for_text("Stage");
+    }
 }
 
 #[test]

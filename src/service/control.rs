@@ -13,7 +13,7 @@ mod drive;
 mod endpoint;
 mod picture;
 mod record;
-mod release;
+pub(super) mod release;
 mod status;
 mod wait;
 mod watch;
@@ -89,6 +89,8 @@ pub(super) struct Peers {
     /// Keeps what an operator orders, whatever holds up the loader.
     pub(super) keeper: Loader,
     pub(super) counters: Arc<Counters>,
+    /// How long a client waits for the outcome of a release.
+    pub(super) release_patience: Duration,
 }
 
 /// What a client is there for.

@@ -40,6 +40,7 @@ pub use sender::replay;
 pub use timing::Histogram;
 
 use self::adaptation::Adaptation;
+use self::control::release::RELEASE_PATIENCE;
 use self::control::{Peers, Server};
 use self::counters::{Counters, OPEN_PATIENCE_US};
 use self::hot::{Event, HotLoop, Outlets};
@@ -142,6 +143,7 @@ pub fn run(
         loader: loader.clone(),
         keeper: keeper.clone(),
         counters: shared(),
+        release_patience: RELEASE_PATIENCE,
     };
     let server = Server::new(socket(), settings.clone(), config.clone(), kept.clone(), peers);
     let control_thread = server.and_then(|(server, stop)| Ok((stop, server.start()?)));

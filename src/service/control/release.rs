@@ -12,8 +12,8 @@ use crate::clock::seconds_since_1970;
 use crate::link::Panel;
 use crate::service::kept::Kept;
 
-/// How long a client waits for boards to acknowledge a release.
-pub(super) const ACKNOWLEDGEMENT_PATIENCE: Duration = Duration::from_millis(250);
+/// How long a client waits for boards to acknowledge a release, and for the disk to keep it.
+pub(in crate::service) const RELEASE_PATIENCE: Duration = Duration::from_millis(250);
 
 /// The client waits until the sender has obeyed, all servo boards have acknowledged a release, and the disk has kept it, or until
 /// the patience with them has ended.
@@ -50,7 +50,7 @@ pub(super) fn release(on: bool, peers: &Peers, kept: Kept) -> Task {
     }
     tracing::info!("an operator releases all servos");
     let counters = Arc::clone(&peers.counters);
-    let end = Instant::now() + ACKNOWLEDGEMENT_PATIENCE;
+    let end = Instant::now() + peers.release_patience;
     let mut is_kept = None;
     Task::Wait(Box::new(move || {
         if !operator.is_released.load(Relaxed) {

@@ -37,5 +37,5 @@ pub mod stages {
         Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
         normalise,
     };
-    pub use crate::track::{Block, Border, CropShape, Detector, EYE_SIDE, Eyes, Mesh, Rows, bounds, crop};
+    pub use crate::track::{Block, Border, CropShape, Detector, EYE_SIDE, Eyes, Mesh, PART_SIDE, Rows, bounds, crop};
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
-use facewire_face::stages::{EYE_SIDE, Eyes};
+use facewire_face::stages::{EYE_SIDE, Eyes, PART_SIDE};
 use facewire_face::{Appearance, BLENDSHAPES, COEFFS, EyeValues, InferError, LANDMARKS, Landmarks};
 
 use half::{f16, slice::HalfFloatSliceExt};
@@ -114,13 +114,14 @@ pub struct Appearances {
 impl Appearances {
     /// Values of the feature map.
     pub const VALUES: usize = APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS;
-    /// Values of the feature map, and pixels of the right eye and of the left.
-    pub const ROW: usize = Self::VALUES + 2 * EYE_SIDE * EYE_SIDE;
+    const EYES: usize = 2 * EYE_SIDE * EYE_SIDE;
+    /// Values of the feature map, pixels of the right eye and of the left, and pixels of the mouth and of the brows.
+    pub const ROW: usize = Self::VALUES + Self::EYES + 2 * PART_SIDE * PART_SIDE;
 
     fn new(rows: Vec<f16>) -> Result<Self> {
         let read = |eyes: &mut Result<Eyes, InferError>, row: &[f16]| -> Result<EyeValues> {
             let eyes = eyes.as_mut().map_err(|error| InferError(error.0.clone()))?;
-            row[Self::VALUES..].convert_to_f32_slice(eyes.pictures.as_flattened_mut());
+            row[Self::VALUES..][..Self::EYES].convert_to_f32_slice(eyes.pictures.as_flattened_mut());
             Ok(eyes.read()?)
         };
         let eyes = rows.par_chunks_exact(Self::ROW).map_init(Eyes::load, read).collect::<Result<_>>()?;

@@ -30,6 +30,8 @@ from torch import nn
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # As in face/src/track/eyes.rs and face/src/model/mod.rs.
 SIDE, VALUES, UNITS, LEAST_CONTRAST = 32, 32, 64, 4.0
+# Values of the feature map, which come before the pictures of the eyes.
+MAP = 5760
 FULL_GAZE_DEG, SHUT, HELD_OUT = 35, 0.6, 8
 # Lids, iris and corners of the right eye, then their mirror images.
 RIGHT, LEFT = (159, 145, 468, 33, 133), (386, 374, 473, 263, 362)
@@ -83,7 +85,7 @@ class Faces:
         out, up = sides("eyeLookOut") - sides("eyeLookIn"), sides("eyeLookUp") - sides("eyeLookDown")
         truth = FULL_GAZE_DEG * np.stack([(out[0] - out[1]) / 2, up.mean(0)], 1)
         is_open = sides("eyeBlink").max(0) < SHUT
-        pictures = archive["features"][is_open, -2 * SIDE * SIDE:].astype(np.uint8).reshape(-1, 2, SIDE, SIDE)
+        pictures = archive["features"][is_open, MAP:MAP + 2 * SIDE * SIDE].astype(np.uint8).reshape(-1, 2, SIDE, SIDE)
         points, rotation = head_basis(archive["landmarks"][is_open])
         turns = np.stack([rotation[:, 0, 2], rotation[:, 1, 2], rotation[:, 1, 0]], 1)
         inputs = np.concatenate([points[:, POINTS, :2].reshape(len(points), -1), turns], 1)
@@ -230,14 +232,9 @@ def folded(convolution, scale):
     return weights.permute(0, 2, 3, 1), scale.bias - scale.running_mean * factor
 
 
-def network(eye):
-    """Returns the content of the network's file."""
-    writer, side = Writer(), SIDE // 2
-    source = writer.tensor(SIDE, 1)
-    x = writer.add(CONVOLUTION, [source], (side, CHANNELS), 5, 2, 1, folded(eye.stem, eye.scale))
-    x = writer.add(PRELU, [x], (side, CHANNELS), arrays=[eye.activation.weight])
-    before = CHANNELS
-    for block, (stride, channels) in zip(eye.blocks, BLOCKS):
+def write_blocks(writer, x, side, before, blocks, shapes):
+    """Writes blocks that read the tensor `x`, and returns the last tensor, its side and its channels."""
+    for block, (stride, channels) in zip(blocks, shapes):
         side //= stride
         depthwise = [block.depthwise.weight[:, 0].permute(1, 2, 0), torch.zeros(before)]
         y = writer.add(DEPTHWISE, [x], (side, before), 3, stride, 2 - stride, depthwise)
@@ -249,6 +246,16 @@ def network(eye):
         x = writer.add(ADD, [y, x], (side, channels))
         x = writer.add(PRELU, [x], (side, channels), arrays=[block.activation.weight])
         before = channels
+    return x, side, before
+
+
+def network(eye):
+    """Returns the content of the network's file."""
+    writer, side = Writer(), SIDE // 2
+    source = writer.tensor(SIDE, 1)
+    x = writer.add(CONVOLUTION, [source], (side, CHANNELS), 5, 2, 1, folded(eye.stem, eye.scale))
+    x = writer.add(PRELU, [x], (side, CHANNELS), arrays=[eye.activation.weight])
+    x, side, _ = write_blocks(writer, x, side, CHANNELS, eye.blocks, BLOCKS)
     last = [eye.values.weight.permute(0, 2, 3, 1), eye.values.bias]
     return writer.content(source, writer.add(CONVOLUTION, [x], (1, VALUES), side, arrays=last))
 

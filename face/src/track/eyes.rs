@@ -3,8 +3,9 @@
 //! The cells of the mesh's feature map are a sixth of an eye wide. The direction of the gaze shows in less than that, so this
 //! network reads the pixels of the camera. `models/eyes/train.py` makes it.
 
+use super::Block;
+use super::grey::{GreyCamera, read};
 use super::landmarks::{FaceBox, Landmarks};
-use super::{Block, Border, CropShape, crop};
 use crate::infer::{InferError, Network, built_in};
 use crate::model::EYE_VALUES;
 use crate::picture::Picture;
@@ -23,14 +24,11 @@ const FILE: &[u8] = include_bytes!("../../models/eyes.fwnet");
 const CORNERS: [[usize; 2]; 2] = [[33, 133], [362, 263]];
 /// Side of an eye's picture, divided by that of the region of the face.
 const SHARE: f32 = 0.16;
-const SHAPE: CropShape = CropShape { side: EYE_SIDE, range: [0.0, 255.0], border: Border::Replicate };
-/// What is added to the deviation of the brightness, so that noise in an even picture stays small.
-const LEAST_CONTRAST: f32 = 4.0;
 
 /// The network, and the pictures that it saw last.
 pub struct Eyes {
     network: Box<dyn Network>,
-    samples: Vec<[f32; 3 * EYE_SIDE]>,
+    camera: GreyCamera,
     /// The right eye and the left one.
     pub pictures: [EyePicture; 2],
 }
@@ -38,9 +36,8 @@ pub struct Eyes {
 impl Eyes {
     /// Loads the network.
     pub fn load() -> Result<Self, InferError> {
-        let samples = vec![[0.0; 3 * EYE_SIDE]; EYE_SIDE];
         let pictures = [[0.0; EYE_SIDE * EYE_SIDE]; 2];
-        Ok(Self { network: built_in(FILE)?, samples, pictures })
+        Ok(Self { network: built_in(FILE)?, camera: GreyCamera::new(EYE_SIDE), pictures })
     }
 
     /// Takes the pictures of both eyes of the face with these landmarks, which was found in `region`.
@@ -50,15 +47,9 @@ impl Eyes {
                 corners.map(|corner| landmarks.0.get(corner).copied().unwrap_or_default());
             let centre = [f32::midpoint(x, other_x), f32::midpoint(y, other_y)];
             let place = FaceBox { centre, size: SHARE * region.size, angle_rad: region.angle_rad };
-            crop(picture, &place, SHAPE, block, &mut self.samples);
-            for (row, samples) in eye.as_chunks_mut::<EYE_SIDE>().0.iter_mut().zip(&self.samples) {
-                for (pixel, [red, green, blue]) in row.iter_mut().zip(samples.as_chunks().0) {
-                    // ITU-R BT.601.
-                    *pixel = (0.299 * red + 0.587 * green + 0.114 * blue).round();
-                }
-                if index == 1 {
-                    row.reverse();
-                }
+            self.camera.take(picture, &place, block, eye);
+            if index == 1 {
+                eye.as_chunks_mut::<EYE_SIDE>().0.iter_mut().for_each(|row| row.reverse());
             }
         }
     }
@@ -67,16 +58,8 @@ impl Eyes {
     pub fn read(&mut self) -> Result<EyeValues, InferError> {
         let mut values = EyeValues::default();
         for (picture, values) in self.pictures.iter().zip(&mut values) {
-            let count = picture.len() as f32;
-            let mean = picture.iter().sum::<f32>() / count;
-            let squares = picture.iter().map(|pixel| (pixel - mean).powi(2)).sum::<f32>();
-            let scale = 1.0 / ((squares / count).sqrt() + LEAST_CONTRAST);
-            for (number, row) in picture.as_chunks::<EYE_SIDE>().0.iter().enumerate() {
-                let inputs = self.network.input_row(number).iter_mut().zip(row);
-                inputs.for_each(|(input, pixel)| *input = (pixel - mean) * scale);
-            }
-            self.network.run()?;
-            values.iter_mut().zip(self.network.output(0)).for_each(|(value, output)| *value = *output);
+            let outputs = read(&mut *self.network, picture, EYE_SIDE)?;
+            values.iter_mut().zip(outputs).for_each(|(value, output)| *value = *output);
         }
         Ok(values)
     }

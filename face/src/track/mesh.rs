@@ -12,6 +12,7 @@ use super::crop::{Border, CropShape, crop};
 use super::eyes::Eyes;
 use super::feature_map::{FeatureMap, Transform};
 use super::landmarks::{Appearance, Face, FaceBox, Landmarks};
+use super::parts::Parts;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
@@ -63,6 +64,8 @@ pub struct Mesh {
     block: Block,
     /// What the eyes of the last face look like.
     pub eyes: Eyes,
+    /// What other parts of the last face look like.
+    pub parts: Parts,
     landmarks: Landmarks,
     appearance: Appearance,
     /// Whether the heads take turns.
@@ -89,6 +92,7 @@ impl Mesh {
             heads: REFINEMENTS.iter().map(head).collect::<Result<_, _>>()?,
             block: Block::default(),
             eyes: Eyes::load()?,
+            parts: Parts::default(),
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
             by_turns: false,
@@ -116,6 +120,7 @@ impl Mesh {
         to_picture(region, &mut self.landmarks);
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
         self.appearance.eyes = self.eyes.read()?;
+        self.parts.look(picture, region, &self.landmarks, &mut self.block);
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 

@@ -6,8 +6,10 @@ mod crop;
 mod detector;
 mod eyes;
 pub(crate) mod feature_map;
+mod grey;
 mod landmarks;
 mod mesh;
+mod parts;
 pub(crate) mod refinement;
 
 use std::f32::consts::FRAC_PI_4;
@@ -22,6 +24,7 @@ pub use eyes::{EYE_SIDE, EyeValues, Eyes};
 pub use feature_map::bounds;
 pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
+pub use parts::PART_SIDE;
 
 /// The networks, and the region of the face that they follow.
 pub struct Tracker {

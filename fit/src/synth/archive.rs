@@ -11,17 +11,19 @@ use half::f16;
 use npyz::Deserialize;
 use npyz::npz::NpzArchive;
 
+use super::visible::REGIONS;
 use super::worker::{APPEARANCE, META, ROW, Rows};
 use crate::arrays::{Archive, create, write_array};
 use crate::dataset;
 
 pub const NAMES: &str = "names.json";
 const POINTS: usize = 3 * LANDMARKS;
-const COLUMNS: [(&str, usize, &[u64]); 4] = [
+const COLUMNS: [(&str, usize, &[u64]); 5] = [
     ("landmarks", 0, &[LANDMARKS as u64, 3]),
     ("weights", POINTS, &[COEFFS as u64]),
     ("pose", POINTS + COEFFS, &[3]),
     ("meta", POINTS + COEFFS + 3, &[META as u64]),
+    ("visible", POINTS + COEFFS + 3 + META, &[REGIONS as u64]),
 ];
 /// The array of the rows in a shard, and the file that stores the settings of all shards.
 const NUMBERS: &str = "numbers";

@@ -13,6 +13,7 @@ use super::rig::{Rig, SimpleMesh, Triangle, normals, smoothstep, vertices_of};
 use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
 use super::tongue::below_tongue;
+use super::visible::{REGIONS, regions};
 use crate::output;
 use crate::shapes::{find, index_of};
 
@@ -47,6 +48,8 @@ pub struct Assets {
     pub caster: SimpleMesh,
     pub mouth: Vec<u32>,
     pub below_tongue: Vec<u32>,
+    /// Vertices of each region whose visibility is measured.
+    pub regions: [Vec<usize>; REGIONS],
 }
 
 /// Indices of the skins, brows and eyes to draw from, at least one of each.
@@ -79,6 +82,7 @@ impl Assets {
             is_skin: is_skin(&rig),
             mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),
             below_tongue: below_tongue(&rig),
+            regions: regions(&rig),
             wrinkles: Wrinkles::new(&rig),
             caster: SimpleMesh::new(&rig.neutral, &rig.parts.skin, CASTER_CELL),
             surface,

@@ -10,6 +10,8 @@ use glam::{Vec2, Vec3, Vec3A, Vec4};
 use super::rig::Triangle;
 
 pub const MOST_SAMPLES: f32 = 2.0;
+/// Ratio of inverse depths from which on a point lies behind another part of the head, and not on the same surface.
+const BEHIND: f32 = 1.03;
 
 pub struct Canvas {
     pub grid: Grid,
@@ -18,6 +20,8 @@ pub struct Canvas {
     /// Inverse of each sample's distance, or 0 if nothing was drawn there.
     inverse_depth: Vec<f32>,
     colour: Vec<Vec4>,
+    /// How much of what lies behind it hides, by what is on or before the face, from 0 to 1.
+    veil: Vec<f32>,
     row: Vec<Vec4>,
     columns: Vec<Footprint>,
 }
@@ -30,8 +34,16 @@ struct Footprint {
 
 impl Canvas {
     pub fn new(size: [usize; 2]) -> Self {
-        let (grid, inverse_depth, colour) = (Grid { width: 0, height: 0 }, Vec::new(), Vec::new());
-        Self { grid, density: Vec2::ONE, size, inverse_depth, colour, row: Vec::new(), columns: Vec::new() }
+        Self {
+            grid: Grid { width: 0, height: 0 },
+            density: Vec2::ONE,
+            size,
+            inverse_depth: Vec::new(),
+            colour: Vec::new(),
+            veil: Vec::new(),
+            row: Vec::new(),
+            columns: Vec::new(),
+        }
     }
 
     /// Clears the canvas for a picture with this many samples per side of a pixel, from 1 to [`MOST_SAMPLES`].
@@ -44,6 +56,8 @@ impl Canvas {
         self.inverse_depth.resize(count, 0.0);
         self.colour.clear();
         self.colour.resize(count, Vec4::ZERO);
+        self.veil.clear();
+        self.veil.resize(count, 0.0);
         self.columns = (0..self.size[0]).map(|pixel| Footprint::new(pixel, self.density.x, width)).collect();
     }
 
@@ -63,6 +77,24 @@ impl Canvas {
     pub fn blend(&mut self, index: usize, alpha: f32, colour: Vec3A) {
         let slot = &mut self.colour[index];
         *slot = slot.lerp(colour.extend(1.0) * slot.w, alpha);
+    }
+
+    /// Notes that this share of the sample is hidden.
+    #[inline]
+    pub fn hide(&mut self, index: usize, share: f32) {
+        let slot = &mut self.veil[index];
+        *slot = slot.max(share);
+    }
+
+    /// Returns which share is in view of a point at this position and inverse depth. Nothing is outside the picture.
+    pub fn view(&self, position: Position, inverse_depth: f32) -> f32 {
+        let [x, y] = position.samples().to_array();
+        if !(x >= 0.0 && y >= 0.0 && x < self.grid.width as f32 && y < self.grid.height as f32) {
+            return 0.0;
+        }
+        let index = y as usize * self.grid.width + x as usize;
+        let is_behind = self.inverse_depth[index] > BEHIND * inverse_depth;
+        if is_behind { 0.0 } else { 1.0 - self.veil[index] }
     }
 
     pub fn resolve(&mut self, pixels: &mut [[f32; 3]]) {

@@ -70,7 +70,7 @@ pub fn run(options: &Options) -> Result<()> {
     let recordings = options.sources.curves.recordings(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
     let textures = options.sources.textures(options.set, &assets.names)?;
-    let variety = Variety { textures, without: Without::conditions(), condition: options.condition };
+    let variety = Variety { textures, without: Without::conditions(), condition: options.condition, covered: 0.0 };
     let size = picture_size(&options.size)?;
     let shoot = |(number, [film, truth]): (usize, &[PathBuf; 2])| -> Result<()> {
         let person = [options.set.seed(options.seed), FILM_PEOPLE + number as u64];
@@ -80,7 +80,7 @@ pub fn run(options: &Options) -> Result<()> {
             &recordings,
             (options.seconds.unwrap_or(SECONDS) * RATE) as usize,
         )?;
-        let specs = specs(&mut subject, &parts);
+        let specs = specs(&assets, &mut subject, &parts);
         let mut imager = Imager::new(size, MOST_SAMPLES)?;
         let pictures = specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec));
         let pictures = pictures.collect::<Result<Vec<_>>>()?;
@@ -106,12 +106,12 @@ pub fn files(options: &Options) -> Result<Vec<[PathBuf; 2]>> {
     Ok((1..=count.unwrap_or(1)).map(files).collect())
 }
 
-fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
+fn specs(assets: &Assets, subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
     let moments: Vec<&Moment> = parts.iter().flat_map(|part| &part.moments).collect();
     let sway = random_sway(&mut subject.rng, moments.len());
     let spec = |(moment, motion): (&&Moment, [f32; 6])| {
         let [yaw, pitch, roll, x, y, z] = motion.map(|value| moment.sway * value);
-        let mut spec = subject.pose(moment.face, [yaw + moment.yaw_deg, pitch, roll], Vec3::new(x, y, z));
+        let mut spec = subject.pose(assets, moment.face, [yaw + moment.yaw_deg, pitch, roll], Vec3::new(x, y, z));
         spec.effects.exposure *= moment.light.exposure;
         spec.effects.noise = spec.effects.noise.map(|noise| moment.light.noise * noise);
         spec

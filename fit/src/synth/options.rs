@@ -10,7 +10,7 @@ use super::acting::{Expressions, Kind, Moments, Share};
 use super::assets::TextureChoice;
 use super::expression::Coefficients;
 use super::sample::{Distribution, Variety};
-use super::variety::{Condition, Factor, Without};
+use super::variety::{COVERED, Condition, Factor, Without};
 use crate::output;
 use crate::recording::CsvTable;
 use crate::shapes::modelled;
@@ -49,6 +49,9 @@ pub struct SceneOptions {
     /// Take all pictures under one condition, and under no other. Without this option, some conditions occur rarely
     #[arg(long, value_enum, value_name = "NAME")]
     pub condition: Option<Condition>,
+    /// Share of pictures in which something covers a part of the face, unless a condition is chosen
+    #[arg(long, value_name = "SHARE", default_value_t = COVERED, value_parser = share_of_one)]
+    pub covered: f64,
 }
 
 impl Sources {
@@ -63,7 +66,7 @@ impl SceneOptions {
     pub fn distribution(&self, set: Set, textures: TextureChoice, moments: Moments) -> Result<Distribution> {
         let without = Without::new(&self.without, self.like_reference);
         Ok(Distribution {
-            variety: Variety { textures, without, condition: self.condition },
+            variety: Variety { textures, without, condition: self.condition, covered: self.covered },
             expressions: self.mix.expressions(set, moments)?,
             turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
@@ -76,12 +79,13 @@ impl SceneOptions {
         let (frames, mix) = (distribution.expressions.moments.frames.len(), mix_text(self.mix.mix(set)));
         format!(
             "rig {}\nskins {skins:?}, brows {brows:?}, eyes {eyes:?}\ncurves {:?}, {frames} frames, mix {mix}\n\
-             turn {:?}, shapes {shapes:?}\nwithout {:?}\ncondition {:?}\n",
+             turn {:?}, shapes {shapes:?}\nwithout {:?}\ncondition {:?}, covered {}\n",
             sources.rig.display(),
             sources.curves.curves,
             distribution.turn_deg,
             distribution.variety.without.names(),
-            self.condition
+            self.condition,
+            self.covered
         )
     }
 }
@@ -225,6 +229,11 @@ fn share(text: &str) -> Result<Share, String> {
     let kind = Kind::from_str(name, false).map_err(|_| format!("no kind of expression is called {name}"))?;
     let share = number.parse().ok().filter(|share: &f32| share.is_finite() && *share >= 0.0);
     share.map(|share| (kind, share)).ok_or_else(|| format!("{number} is not a number that is at least 0"))
+}
+
+fn share_of_one(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| format!("{text} is not a number from 0 to 1"))
 }
 
 /// Reads a recording at 30 frames per second: a CSV file with a header of blendshape names, in any order and case.

@@ -13,6 +13,7 @@ use super::rig::{Triangle, normals_into, smoothstep};
 use super::scene::{FACE_CM, PIVOT, Scene};
 use super::shade::{DepthMap, Lighting, Surface, VertexLight, shade};
 use super::tongue::light_beside;
+use super::visible::REGIONS;
 use crate::shapes::index_of;
 
 const SHADOW_SIDE: usize = 200;
@@ -32,6 +33,8 @@ const SAMPLES_PER_FACE: f32 = 150.0;
 const GLINT: (i32, f32) = (900, 3.0);
 /// Factor on the gloss of a moist surface.
 const WET: f32 = 2.5;
+/// The tint, or the share of a reflection, from which on a lens hides what is behind it, and at which it hides all.
+const LENS_HIDES: [f32; 2] = [0.4, 0.95];
 /// Largest share of a lens's colour that its reflections replace.
 const MOST_GLARE: f32 = 0.9;
 
@@ -128,6 +131,22 @@ impl Renderer {
         [36, 45].map(|index| self.head.screen[assets.rig.landmarks[index]].0.samples() / self.canvas.density)
     }
 
+    /// Returns the corners of the mouth in pixels: the person's right one, then the left.
+    pub fn mouth_corners(&self, assets: &Assets) -> [Vec2; 2] {
+        [48, 54].map(|index| self.head.screen[assets.rig.landmarks[index]].0.samples() / self.canvas.density)
+    }
+
+    /// Returns which share of each region is in view.
+    pub fn visible(&self, assets: &Assets) -> [f32; REGIONS] {
+        assets.regions.each_ref().map(|vertices| {
+            let views = vertices.iter().map(|vertex| {
+                let (position, inverse_depth) = self.head.screen[*vertex];
+                self.canvas.view(position, inverse_depth)
+            });
+            views.sum::<f32>() / vertices.len().max(1) as f32
+        })
+    }
+
     /// Returns the samples per side of a pixel. More would not be visible to the mesh network at 192 pixels.
     fn density(&self, scene: &Scene) -> f32 {
         let face_px = FACE_CM * scene.lens.focal_px / -scene.placement.position.z;
@@ -214,11 +233,16 @@ impl Placed {
                 lit.gloss *= share * WET;
             }
         }
+        // A tongue is a part of the face.
+        let hides = if prop.lips.is_some() { 0.0 } else { 1.0 };
         let window = canvas.grid.whole();
         draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
             let colour = |vertex: usize| Vec3A::from(prop.colours[vertex]) * self.lit[vertex].diffuse;
             let corners = Corners(vertices.map(|vertex| colour(vertex) + self.lit[vertex].gloss));
-            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
+            move |canvas, index, inverse_depth, weights| {
+                canvas.set(index, inverse_depth, corners.at(weights));
+                canvas.hide(index, hides);
+            }
         });
     }
 
@@ -233,6 +257,7 @@ impl Placed {
                 let mirrored = -view.reflect(normal);
                 let seen = scene.lighting.ambient(mirrored);
                 let share = (0.04 + lens.glare_at(places.at(weights))).min(MOST_GLARE);
+                canvas.hide(index, smoothstep(LENS_HIDES[0], LENS_HIDES[1], lens.tint.max(share)));
                 canvas.blend(index, lens.tint, Vec3A::ZERO);
                 canvas.blend(index, share, Vec3A::from(1.5 * seen + lamps(&scene.lighting, mirrored)));
             }

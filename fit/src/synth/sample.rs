@@ -13,8 +13,9 @@ use super::acting::Expressions;
 use super::assets::{Assets, TextureChoice};
 use super::camera::Effects;
 use super::expression::Coefficients;
+use super::occluders::{Behind, Occluder};
 use super::person::{Person, random_looks};
-use super::props::{Prop, random_occluder};
+use super::props::Prop;
 use super::rig::normal;
 use super::scene::{Backdrop, FACE_CM, Lens, Placement, Scene, random_effects, random_lighting};
 use super::shade::Lighting;
@@ -39,6 +40,8 @@ pub struct Variety {
     pub textures: TextureChoice,
     pub without: Without,
     pub condition: Option<Condition>,
+    /// Share of pictures in which something covers a part of the face, if no condition is forced.
+    pub covered: f64,
 }
 
 pub struct Distribution {
@@ -86,7 +89,7 @@ impl Subject {
         let mut backdrop = Backdrop::random(rng_ref, size, room);
         let effects = random_effects(rng_ref);
         let mut conditions_rng = on_stream(&rng, stream(number, CONDITIONS));
-        let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
+        let conditions = Conditions::random(&mut conditions_rng, variety.condition, without, variety.covered);
         let mut tongue_rng = on_stream(&ChaCha8Rng::seed_from_u64(seed), stream(number, TONGUE));
         without.simplify_person(&mut identity, &mut looks);
         without.simplify_size(&mut share, &mut distance);
@@ -125,7 +128,7 @@ impl Subject {
         self.rng.set_word_pos(0);
     }
 
-    pub fn random_spec(&mut self, distribution: &Distribution, neutral: bool) -> PictureSpec {
+    pub fn random_spec(&mut self, assets: &Assets, distribution: &Distribution, neutral: bool) -> PictureSpec {
         let rng = &mut self.rng;
         let weights = if neutral { [0.0; COEFFS] } else { distribution.expressions.draw(rng) };
         let ranges = if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG };
@@ -141,7 +144,7 @@ impl Subject {
         without.simplify_pose(&mut angles_deg, &mut position, self.distance);
         without.simplify_effects(&mut effects);
         self.conditions.apply_to_effects(&mut effects);
-        let (props, tongue) = self.props(&self.rng);
+        let (props, tongue) = self.props(assets, &self.rng);
         let props = if neutral { self.worn.clone() } else { props };
         let placement = Placement { angles_deg, position };
         let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props, tongue };
@@ -149,23 +152,26 @@ impl Subject {
     }
 
     /// Returns what is on and before the face, and where the tongue points to, drawn from streams beside that of `rng`.
-    fn props(&self, rng: &ChaCha8Rng) -> (Vec<Arc<Prop>>, Tongue) {
+    fn props(&self, assets: &Assets, rng: &ChaCha8Rng) -> (Vec<Arc<Prop>>, Tongue) {
         let tongue = self.tongue.aimed(&mut on_stream(rng, rng.get_stream() | TONGUE_DIRECTION));
         let mut rng = on_stream(rng, rng.get_stream() | OCCLUDERS);
         let mut props = self.worn.clone();
-        if rng.random_bool(self.conditions.occluded) {
+        let (share, occluders) = self.conditions.covered;
+        if rng.random_bool(share) {
             let hair = self.person.looks.hair.map_or(Vec3::splat(0.03), |(colour, _)| colour);
-            props.insert(0, Arc::new(random_occluder(&mut rng, self.skin, hair)));
+            let behind = Behind { rig: &assets.rig, base: &self.person.base, skin: self.skin, hair };
+            let occluder = Occluder::random(&mut rng, occluders);
+            props.insert(0, Arc::new(occluder.build(&mut rng, &behind)));
         }
         (props, tongue)
     }
 
     /// Returns a picture with a given expression and pose. `offset` is from the middle of the picture in centimetres.
-    pub fn pose(&self, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> PictureSpec {
+    pub fn pose(&self, assets: &Assets, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> PictureSpec {
         let placement = Placement { angles_deg, position: offset - Vec3::new(0.0, 0.5, self.distance) };
         let mut rng = self.rng.clone();
         rng.set_word_pos(0);
-        let (props, tongue) = self.props(&rng);
+        let (props, tongue) = self.props(assets, &rng);
         let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props, tongue };
         let mut effects = self.effects.clone();
         self.conditions.apply_to_effects(&mut effects);

@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use turbojpeg::Subsamp;
 
 use super::camera::Effects;
+use super::occluders::{Occluder, STRANGE, USUAL};
 use super::options::name_of;
 use super::person::{BeardStyle, Looks};
 use super::props::Glasses;
@@ -23,7 +24,8 @@ const GLASSES: f32 = 0.12;
 const SIDE_LIGHT: f32 = 0.05;
 const DARK: f32 = 0.05;
 const SMALL: f32 = 0.05;
-const OCCLUDED: f64 = 0.05;
+/// Share of pictures in which something covers a part of the face, unless another is given.
+pub const COVERED: f64 = 0.05;
 const SMALL_PX: [f32; 2] = [55.0, 65.0];
 
 /// A condition that all pictures of a set have in common.
@@ -33,8 +35,24 @@ pub enum Condition {
     Glasses,
     /// A full beard, moustache, goatee or stubble
     Beard,
-    /// A hand, a microphone, hair or a scarf over a part of the face
+    /// Something over a part of the face: any of the next ones, a microphone, a scarf or a cup
     Occluded,
+    /// A headset for virtual reality
+    Headset,
+    /// A face mask
+    Mask,
+    /// A hand
+    Hand,
+    /// A microphone before the mouth
+    Microphone,
+    /// Hair down to the brows or the eyes
+    Fringe,
+    /// Sunglasses
+    Sunglasses,
+    /// Glasses with thick rims, in which a window is reflected
+    Rims,
+    /// Something that training never shows: goggles, a glove, or a sheet of paper
+    Strange,
     /// One hard lamp at the side, and darkness on the other
     SideLight,
     /// A dark room: a noisy picture with little contrast
@@ -43,10 +61,33 @@ pub enum Condition {
     Small,
 }
 
+impl Condition {
+    /// The occluders of a picture under this condition.
+    fn occluders(self) -> &'static [(Occluder, u32)] {
+        match self {
+            Self::Occluded => &USUAL,
+            Self::Headset => &[(Occluder::Headset, 1)],
+            Self::Mask => &[(Occluder::Mask, 1)],
+            Self::Hand => &[(Occluder::Hand, 1)],
+            Self::Microphone => &[(Occluder::Microphone, 1)],
+            Self::Fringe => &[(Occluder::Fringe, 1)],
+            Self::Strange => &STRANGE,
+            Self::Glasses
+            | Self::Beard
+            | Self::SideLight
+            | Self::Dark
+            | Self::Small
+            | Self::Sunglasses
+            | Self::Rims => &[],
+        }
+    }
+}
+
 #[derive(Debug, Clone)]
 pub struct Conditions {
     pub glasses: Option<Glasses>,
-    pub occluded: f64,
+    /// Share of the pictures with an occluder, and which ones.
+    pub covered: (f64, &'static [(Occluder, u32)]),
     pub beard: (BeardStyle, Option<f32>),
     pub side_light: Option<Light>,
     /// Exposure, noise and contrast of a dark room.
@@ -57,7 +98,8 @@ pub struct Conditions {
 
 impl Conditions {
     /// Draws the conditions of a subject: only `forced`, or each one with its frequency if it is not taken away.
-    pub fn random(rng: &mut ChaCha8Rng, forced: Option<Condition>, without: &Without) -> Self {
+    /// `covered` is the share of pictures with an occluder if no condition is forced.
+    pub fn random(rng: &mut ChaCha8Rng, forced: Option<Condition>, without: &Without, covered: f64) -> Self {
         let mut has = |condition: Condition, factor: Factor, share: f32| {
             let drawn = rng.random::<f32>() < share;
             forced.map_or(drawn && !without.takes(factor), |forced| forced == condition)
@@ -69,7 +111,7 @@ impl Conditions {
             has(Condition::Small, Factor::Small, SMALL),
             has(Condition::Occluded, Factor::Occlusion, 1.0),
         ];
-        let style = Glasses::random(rng);
+        let mut style = Glasses::random(rng);
         let beard = BeardStyle::random(rng);
         let full = rng.random_range(0.7..1.0);
         let light = side_light_from(rng);
@@ -78,9 +120,25 @@ impl Conditions {
         let room = (exposure, [gain, gain * rng.random_range(0.1..0.3)], rng.random_range(0.7..0.9));
         let width = rng.random_range(SMALL_PX[0]..SMALL_PX[1]);
         let wrinkles = rng.random_range(0.0_f32..0.75).powf(1.5);
+        let has_glasses = match forced {
+            Some(Condition::Sunglasses) => {
+                style.darken(rng);
+                true
+            }
+            Some(Condition::Rims) => {
+                style.thicken(rng);
+                true
+            }
+            _ => glasses,
+        };
+        let covered = match forced {
+            Some(condition) => (f64::from(u8::from(!condition.occluders().is_empty())), condition.occluders()),
+            None if occluded => (covered, USUAL.as_slice()),
+            None => (0.0, USUAL.as_slice()),
+        };
         Self {
-            glasses: glasses.then_some(style),
-            occluded: if forced.is_some() { 1.0 } else { OCCLUDED } * f64::from(u8::from(occluded)),
+            glasses: has_glasses.then_some(style),
+            covered,
             beard: (beard, (forced == Some(Condition::Beard)).then_some(full)),
             side_light: side_light.then_some(light),
             dark: dark.then_some(room),

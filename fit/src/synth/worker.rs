@@ -15,10 +15,11 @@ use super::assets::Assets;
 use super::camera::Camera;
 use super::render::Renderer;
 use super::sample::{Distribution, PictureSpec, Subject};
+use super::visible::REGIONS;
 use crate::dataset::Appearances;
 
-/// Numbers per row: landmarks, weights, pose, meta, and the number of attempts until the face was found.
-pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + 1;
+/// Numbers per row: landmarks, weights, pose, meta, visibility, and the number of attempts until the face was found.
+pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + REGIONS + 1;
 pub const APPEARANCE: usize = Appearances::ROW;
 /// Numbers that describe a picture: skin, brow, eye, distance, and whether it is neutral.
 pub const META: usize = 5;
@@ -73,18 +74,19 @@ impl<'a> Worker<'a> {
 
     fn picture(&mut self, subject: &mut Subject, neutral: bool, rows: &mut Rows) -> Result<Option<Vec<u8>>> {
         for tries in 1..=TRIES {
-            let spec = subject.random_spec(self.distribution, neutral);
+            let spec = subject.random_spec(self.assets, self.distribution, neutral);
             let jpeg = self.imager.take_picture(self.assets, subject, &spec)?;
             let start = thread_time_s();
-            let eyes = self.imager.renderer.eye_corners(self.assets);
-            let found = self.finder.find(&jpeg, eyes)?;
+            let seen = Seen::of(&self.imager.renderer, self.assets);
+            let found = self.finder.find(&jpeg, &seen)?;
             self.imager.times[2] += thread_time_s() - start;
             if let Some(face) = found {
-                rows.numbers.extend(row(face.landmarks.0.as_flattened(), subject, &spec, tries));
+                rows.numbers.extend(row(face.landmarks.0.as_flattened(), subject, &spec, (&seen, tries)));
                 let skin = face.appearance.iter().flat_map(|appearance| appearance.skin.as_flattened());
                 rows.appearance.extend(skin.map(|value| f16::from_f32(*value)));
                 let eyes = self.finder.mesh.eyes.pictures.as_flattened();
-                rows.appearance.extend(eyes.iter().map(|pixel| f16::from_f32(*pixel)));
+                let parts = self.finder.mesh.parts.pictures.as_flattened();
+                rows.appearance.extend(eyes.iter().chain(parts).map(|pixel| f16::from_f32(*pixel)));
                 return Ok(Some(jpeg));
             }
         }
@@ -92,22 +94,57 @@ impl<'a> Worker<'a> {
     }
 }
 
-fn row(landmarks: &[f32], subject: &Subject, spec: &PictureSpec, tries: u8) -> Vec<f32> {
+fn row(landmarks: &[f32], subject: &Subject, spec: &PictureSpec, (seen, tries): (&Seen, u8)) -> Vec<f32> {
     let looks = &subject.person.looks;
     let numbers = [looks.skin, looks.brow, looks.eye].map(|number| number as f32);
-    let meta = [subject.distance, f32::from(spec.neutral), f32::from(tries)];
+    let meta = [subject.distance, f32::from(spec.neutral)];
     let labels = spec.scene.weights.iter().chain(&spec.scene.placement.angles_deg);
-    landmarks.iter().chain(labels).chain(&numbers).chain(&meta).copied().collect()
+    let meta = numbers.iter().chain(&meta).chain(&seen.visible);
+    landmarks.iter().chain(labels).chain(meta).chain([&f32::from(tries)]).copied().collect()
 }
 
 // Finds the landmarks in a JPEG image by facewire's own detector and mesh.
 //
 // The first region comes from the detector. As in tracking, the second is derived from the landmarks found.
 
-/// Landmarks at the outer eye corners: the person's right, then left.
+/// Landmarks at the outer corners of the eyes and at those of the mouth: the person's right, then left.
 const EYE_CORNERS: [usize; 2] = [33, 263];
-/// Largest error of an eye corner, relative to the distance between both, before the landmarks count as another object's.
+const MOUTH_CORNERS: [usize; 2] = [61, 291];
+/// Largest error of a corner, relative to the distance between those of the eyes, before the landmarks count as another
+/// object's.
 const ASTRAY: f32 = 0.3;
+/// The visibility from which on a region tells whether the landmarks are the face's.
+const IN_VIEW: f32 = 0.5;
+
+/// What a picture shows: corners of eyes and mouth in pixels, and which share of each region is in view.
+pub struct Seen {
+    pub eyes: [Vec2; 2],
+    pub mouth: [Vec2; 2],
+    pub visible: [f32; REGIONS],
+}
+
+impl Seen {
+    fn of(renderer: &Renderer, assets: &Assets) -> Self {
+        Self {
+            eyes: renderer.eye_corners(assets),
+            mouth: renderer.mouth_corners(assets),
+            visible: renderer.visible(assets),
+        }
+    }
+
+    /// Whether these are the landmarks of the face, by the corners of its eyes and of its mouth that are in view.
+    pub fn agrees(&self, landmarks: &Landmarks) -> bool {
+        let [left, right, _, mouth, _] = self.visible;
+        let most_off = ASTRAY * (self.eyes[0] - self.eyes[1]).length();
+        let is_near = |(index, corner): (usize, Vec2)| {
+            let [x, y, _] = landmarks.0[index];
+            (Vec2::new(x, y) - corner).length() < most_off
+        };
+        let are_near = |indices: [usize; 2], corners: [Vec2; 2]| indices.into_iter().zip(corners).all(is_near);
+        let eyes = left.min(right) < IN_VIEW || are_near(EYE_CORNERS, self.eyes);
+        eyes && (mouth < IN_VIEW || are_near(MOUTH_CORNERS, self.mouth))
+    }
+}
 
 struct Finder {
     decoder: JpegDecoder,
@@ -125,8 +162,8 @@ impl Finder {
         })
     }
 
-    /// Finds the face whose outer eye corners are at `eyes`. Returns `None` if it is not found.
-    fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<Face<'_>>> {
+    /// Finds the face that is seen. Returns `None` if it is not found.
+    fn find(&mut self, jpeg: &[u8], seen: &Seen) -> Result<Option<Face<'_>>> {
         self.decoder.decode(jpeg)?;
         let picture = self.decoder.picture().context("the image was not decoded")?;
         let mut region = self.detector.find(&picture, &[])?;
@@ -134,19 +171,10 @@ impl Finder {
             region = self.mesh.find(&picture, &around)?.and_then(FaceBox::following);
         }
         let Some(around) = region else { return Ok(None) };
-        let is_this = |landmarks: &Landmarks| FaceBox::following(landmarks).is_some() && agrees(landmarks, eyes);
+        let is_this = |landmarks: &Landmarks| FaceBox::following(landmarks).is_some() && seen.agrees(landmarks);
         let is_found = self.mesh.find(&picture, &around)?.is_some_and(is_this);
         Ok(is_found.then(|| self.mesh.face()))
     }
-}
-
-pub fn agrees(landmarks: &Landmarks, eyes: [Vec2; 2]) -> bool {
-    let distance = (eyes[0] - eyes[1]).length();
-    let off = |(index, eye): (usize, Vec2)| {
-        let [x, y, _] = landmarks.0[index];
-        (Vec2::new(x, y) - eye).length()
-    };
-    EYE_CORNERS.into_iter().zip(eyes).all(|pair| off(pair) < ASTRAY * distance)
 }
 
 /// Seconds of computing for rendering, for the camera and JPEG, and for finding landmarks.

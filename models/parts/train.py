@@ -1,0 +1,247 @@
+#!/usr/bin/env python3
+"""Trains the networks that read pictures of the mouth and of the brows, and the one that tells which parts of a face are in view.
+
+    pip install numpy torch
+    models/parts/train.py faces/{covered,halves}/faces.npz
+
+The archives are those of `facewire-fit synth`. `models/mouth.fwnet` and `models/brows.fwnet` read a grey picture of the part and
+give its coefficients. They do not know the wearer, but neither do they need other parts of the face, which may be covered.
+`models/visible.fwnet` reads the feature map of the mesh network at its landmarks and gives, for each region, the log-odds that
+it is in view.
+
+Training changes place, size, turn, sharpness, light and noise of each picture, which is then made even in brightness and
+contrast. The mirror image of a face counts as another face. A part that is covered does not count. All subjects but one in eight
+are trained on, and the result is judged on those.
+"""
+
+import argparse
+import importlib.util
+import json
+import pathlib
+import time
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+_spec = importlib.util.spec_from_file_location("eyes", ROOT / "models/eyes/train.py")
+eyes = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(eyes)
+
+# As in face/src/track/parts.rs and face/src/model/mod.rs.
+SIDE, MAP, EYES, CHANNELS_AT_LANDMARK = 64, 5760, 2 * 32 * 32, 32
+REGIONS = ["left_eye", "right_eye", "brows", "mouth", "cheeks"]
+HELD_OUT, IN_VIEW = 8, 0.6
+STEM, BLOCKS = 16, ((2, 24), (1, 24), (2, 48), (1, 48), (2, 64), (1, 64))
+BATCH, RATE, DECAY = 256, 4e-3, 2e-3
+# Errors at amplitudes that are rare weigh more: the share of the pictures in a band of amplitude, to this power.
+BANDS, RARITY = np.array([0.02, 0.15, 0.3, 0.5, 0.7]), -0.4
+
+
+def named(names, prefixes, without=()):
+    """Returns the indices of the blendshapes whose names begin so."""
+    return [index for index, name in enumerate(names)
+            if name.startswith(prefixes) and name not in without]
+
+
+PARTS = {"mouth": (3, ("jaw", "mouth", "cheekPuff")), "brows": (2, ("brow", "eyeWide", "eyeSquint"))}
+
+
+class Faces:
+    """The pictures of a part in some archives, true coefficients, and subjects. Faces whose part is covered are left out."""
+
+    def __init__(self, paths, part):
+        number = list(PARTS).index(part)
+        region, prefixes = PARTS[part]
+        first = MAP + EYES + number * SIDE * SIDE
+        pictures, truth, held_out = [], [], []
+        for path in paths:
+            archive = np.load(path)
+            self.names = json.loads(path.with_name("names.json").read_text())
+            shown = archive["visible"][:, region] > IN_VIEW
+            pictures.append(archive["features"][:, first:first + SIDE * SIDE][shown].astype(np.uint8))
+            truth.append(archive["weights"][shown][:, named(self.names, prefixes)])
+            held_out.append(archive["subject"][shown] % HELD_OUT == HELD_OUT - 1)
+        self.names = [self.names[index] for index in named(self.names, prefixes)]
+        self.pictures = torch.from_numpy(np.concatenate(pictures).reshape(-1, 1, SIDE, SIDE))
+        self.truth = torch.from_numpy(np.concatenate(truth))
+        held_out = np.concatenate(held_out)
+        self.judged, self.seen = np.flatnonzero(held_out), np.flatnonzero(~held_out)
+        other = lambda name: name.replace("Left", "Right") if "Left" in name else name.replace("Right", "Left")
+        self.mirrored = [self.names.index(other(name)) for name in self.names]
+        bands = np.digitize(self.truth.numpy(), BANDS)
+        shares = np.stack([(bands[self.seen] == band).mean(0) for band in range(len(BANDS) + 1)])
+        weights = np.where(shares > 0, np.maximum(shares, 1e-3) ** RARITY, 0)
+        self.weights = torch.from_numpy(np.take_along_axis(weights, bands, 0).astype(np.float32))
+        self.weights /= self.weights.mean(0)
+
+
+def varied(pictures, random):
+    """Changes place, size, turn, sharpness, light and noise."""
+    count = len(pictures)
+    uniform = lambda low, high: torch.empty(count).uniform_(low, high)
+    size, turn = torch.exp(uniform(-0.13, 0.13)), uniform(-0.13, 0.13)
+    x, y = uniform(-0.13, 0.13), uniform(-0.13, 0.13)
+    matrix = torch.stack([size * turn.cos(), -size * turn.sin(), x, size * turn.sin(), size * turn.cos(), y], 1)
+    grid = F.affine_grid(matrix.reshape(-1, 2, 3), [count, 1, SIDE, SIDE], align_corners=False)
+    pictures = F.grid_sample(pictures.float(), grid, padding_mode="border", align_corners=False)
+    if random.random() < 0.3:
+        pictures = F.avg_pool2d(pictures, 3, 1, 1, count_include_pad=False)
+    if random.random() < 0.15:
+        pictures = F.avg_pool2d(pictures, 5, 1, 2, count_include_pad=False)
+    slope, place = torch.empty(2, count, 1, 1, 1).uniform_(-0.4, 0.4), torch.linspace(-1, 1, SIDE)
+    pictures = pictures * (1 + slope[0] * place + slope[1] * place[:, None])
+    pictures = eyes.evened(pictures)
+    return pictures + torch.rand(count, 1, 1, 1) * 0.2 * torch.randn_like(pictures)
+
+
+class Part(nn.Module):
+    """The network: from the picture of a part to its coefficients."""
+
+    def __init__(self, outputs):
+        super().__init__()
+        self.stem = nn.Conv2d(1, STEM, 5, 2, bias=False)
+        self.scale, self.activation = nn.BatchNorm2d(STEM), nn.PReLU(STEM)
+        before = [STEM, *(channels for _, channels in BLOCKS)]
+        self.blocks = nn.Sequential(*(eyes.Block(stride, c, channels) for c, (stride, channels) in zip(before, BLOCKS)))
+        self.values = nn.Conv2d(before[-1], 64, SIDE // 16, bias=False)
+        self.last_scale, self.last_activation = nn.BatchNorm2d(64), nn.PReLU(64)
+        self.outputs = nn.Conv2d(64, outputs, 1)
+
+    def forward(self, x):
+        x = self.activation(self.scale(self.stem(F.pad(x, (1, 2, 1, 2)))))
+        x = self.last_activation(self.last_scale(self.values(self.blocks(x))))
+        return self.outputs(F.dropout(x, 0.1, self.training)).flatten(1)
+
+
+def train(faces, epochs):
+    """Returns the trained network."""
+    random = np.random.default_rng(1)
+    torch.manual_seed(1)
+    part = Part(len(faces.names)).to(memory_format=torch.channels_last)
+    steps, started = len(faces.seen) // BATCH, time.time()
+    print(f"{len(faces.seen)} pictures")
+    optimiser = torch.optim.AdamW(part.parameters(), RATE, weight_decay=DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * steps, pct_start=0.1)
+    for epoch in range(epochs):
+        order, total = random.permutation(faces.seen), 0.0
+        for step in range(steps):
+            rows = np.sort(order[step * BATCH:][:BATCH])
+            pictures, truth, weights = faces.pictures[rows], faces.truth[rows], faces.weights[rows]
+            if random.random() < 0.5:
+                pictures, truth, weights = pictures.flip(3), truth[:, faces.mirrored], weights[:, faces.mirrored]
+            pictures = varied(pictures, random).contiguous(memory_format=torch.channels_last)
+            loss = (weights * (part(pictures) - truth) ** 2).mean()
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item()
+        print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.5f}, {time.time() - started:.0f} s", flush=True)
+    return part.eval()
+
+
+def judge(part, faces):
+    """Prints how well the held-out subjects are estimated, who are not part of the training."""
+    with torch.no_grad():
+        found = torch.cat([part(eyes.evened(faces.pictures[rows].float()))
+                           for rows in np.array_split(faces.judged, len(faces.judged) // BATCH + 1)]).numpy()
+    truth = faces.truth[faces.judged].numpy()
+    rows = [(np.corrcoef(x, y)[0, 1], np.polyfit(x, y, 1)[0], ((x - y) ** 2).mean()) for x, y in zip(truth.T, found.T)]
+    for name, (r, slope, error) in zip(faces.names, rows):
+        print(f"{name:20} r {r:.3f} slope {slope:.2f} MSE {error:.4f}")
+    print("mean of {}: r {:.3f}, slope {:.2f}, MSE {:.4f}".format(len(rows), *np.mean(rows, 0)))
+
+
+def network(part):
+    """Returns the content of the network's file."""
+    writer, side, before = eyes.Writer(), SIDE // 2, STEM
+    source = writer.tensor(SIDE, 1)
+    x = writer.add(eyes.CONVOLUTION, [source], (side, STEM), 5, 2, 1, eyes.folded(part.stem, part.scale))
+    x = writer.add(eyes.PRELU, [x], (side, STEM), arrays=[part.activation.weight])
+    x, side, before = eyes.write_blocks(writer, x, side, before, part.blocks, BLOCKS)
+    x = writer.add(eyes.CONVOLUTION, [x], (1, 64), side, arrays=eyes.folded(part.values, part.last_scale))
+    x = writer.add(eyes.PRELU, [x], (1, 64), arrays=[part.last_activation.weight])
+    last = [part.outputs.weight.permute(0, 2, 3, 1), part.outputs.bias]
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, part.outputs.out_channels), arrays=last))
+
+
+UNITS = 8
+
+
+def train_visible(paths, epochs):
+    """Returns a network from the feature map to the log-odds that each region is in view, and prints how good it is."""
+    torch.manual_seed(1)
+    values, shown, held_out = [], [], []
+    for path in paths:
+        archive = np.load(path)
+        values.append(archive["features"][:, :MAP])
+        shown.append(archive["visible"])
+        held_out.append(archive["subject"] % HELD_OUT == HELD_OUT - 1)
+    values, shown, held_out = map(np.concatenate, (values, shown, held_out))
+    sample = values[::8].astype(np.float32)
+    mean, deviation = map(torch.from_numpy, (sample.mean(0), sample.std(0) + 0.02 * sample.std()))
+    values, shown = map(torch.from_numpy, (values, shown))
+    seen, judged = np.flatnonzero(~held_out), np.flatnonzero(held_out)
+    net = nn.Sequential(nn.Linear(MAP, UNITS), nn.PReLU(UNITS), nn.Linear(UNITS, len(REGIONS)))
+    optimiser = torch.optim.AdamW(net.parameters(), 1e-3, weight_decay=2e-2)
+    steps, started = len(seen) // BATCH, time.time()
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 1e-3, total_steps=epochs * steps, pct_start=0.1)
+    even = lambda rows: (values[rows].float() - mean) / deviation
+    for epoch in range(epochs):
+        order, total = np.random.default_rng(epoch).permutation(seen), 0.0
+        for step in range(steps):
+            rows = np.sort(order[step * BATCH:][:BATCH])
+            x = F.dropout(even(rows) + 0.4 * torch.randn(len(rows), MAP), 0.3)
+            loss = F.binary_cross_entropy_with_logits(net(x), shown[rows])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item()
+        print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.4f}, {time.time() - started:.0f} s", flush=True)
+    with torch.no_grad():
+        odds = torch.cat([net(even(rows)) for rows in np.array_split(judged, len(judged) // BATCH + 1)]).numpy()
+    report_visible(odds, shown[judged].numpy())
+    first, activation, last = net
+    weights = first.weight / deviation
+    first_bias = first.bias - weights @ mean
+    writer = eyes.Writer()
+    source = writer.tensor(1, MAP)
+    x = writer.add(eyes.CONVOLUTION, [source], (1, UNITS), arrays=[weights, first_bias])
+    x = writer.add(eyes.PRELU, [x], (1, UNITS), arrays=[activation.weight])
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, len(REGIONS)), arrays=[last.weight, last.bias])), net
+
+
+def report_visible(odds, shown):
+    """Prints for each region the area under the ROC curve, and which share of regions in view count as covered."""
+    for name, x, y in zip(REGIONS, odds.T, shown.T):
+        clear, covered = x[y > 0.85], x[y < 0.35]
+        ranks = np.argsort(np.argsort(np.concatenate([clear, covered])))[:len(clear)]
+        area = (ranks.sum() - len(clear) * (len(clear) - 1) / 2) / max(len(clear) * len(covered), 1)
+        false = (x[y > 0.95] < 0).mean()
+        print(f"{name:10} area {area:.4f}, in view and called covered {100 * false:.2f} %, {len(covered)} covered")
+
+
+def main():
+    """Trains, judges, and writes the files."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("archives", nargs="+", type=pathlib.Path, metavar="FACES.npz")
+    parser.add_argument("--epochs", type=int, default=24, help="passes over the pictures (default: 24)")
+    parser.add_argument("--only", choices=[*PARTS, "visible"], help="train this network alone")
+    parser.add_argument("--out", type=pathlib.Path, default=ROOT / "models", help="folder of the networks")
+    arguments = parser.parse_args()
+    for part in PARTS:
+        if arguments.only in (None, part):
+            faces = Faces(arguments.archives, part)
+            trained = train(faces, arguments.epochs)
+            judge(trained, faces)
+            (arguments.out / f"{part}.fwnet").write_bytes(network(trained))
+    if arguments.only in (None, "visible"):
+        (arguments.out / "visible.fwnet").write_bytes(train_visible(arguments.archives, max(arguments.epochs // 2, 1))[0])
+
+
+if __name__ == "__main__":
+    main()

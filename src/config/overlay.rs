@@ -111,17 +111,21 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
-        $name:ident { $( $field:ident $($key:literal)?: $type:ty = $default:expr, $read:expr; )* }
+        $name:ident {
+            $( $field:ident $($key:literal)?: $type:ty = $default:expr, $read:expr; )*
+            $( .. $derived:ident: $derived_type:ty; )*
+        }
     )*) => { $(
         $(#[doc = $doc])*
         #[derive(Debug, Clone, PartialEq)]
         pub struct $name {
             $( pub $field: $type, )*
+            $( pub $derived: $derived_type, )*
         }
 
         impl Default for $name {
             fn default() -> Self {
-                Self { $( $field: $default, )* }
+                Self { $( $field: $default, )* $( $derived: Default::default(), )* }
             }
         }
 

@@ -107,6 +107,7 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T
 }
 
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
+/// What follows as `.. field: Type;` has no key: it follows from other settings once all are read.
 /// Makes the struct of each table, its defaults, the reader of its keys, and the comparison of two.
 macro_rules! section {
     ($(

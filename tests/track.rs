@@ -24,7 +24,8 @@ const HEADER: &str = "frame,time_s,state,\
     mouthPressLeft,mouthPressRight,mouthLowerDownLeft,mouthLowerDownRight,mouthUpperUpLeft,mouthUpperUpRight,\
     browDownLeft,browDownRight,browInnerUp,browOuterUpLeft,browOuterUpRight,cheekPuff,cheekSquintLeft,\
     cheekSquintRight,noseSneerLeft,noseSneerRight,tongueOut,\
-    head_yaw_deg,head_pitch_deg,head_roll_deg,head_x_mm,head_y_mm,head_z_mm";
+    head_yaw_deg,head_pitch_deg,head_roll_deg,head_x_mm,head_y_mm,head_z_mm,\
+    visibility_left_eye,visibility_right_eye,visibility_brows,visibility_mouth,visibility_cheeks,visibility_face";
 
 struct Demo {
     csv: String,
@@ -65,10 +66,10 @@ fn the_csv_has_the_promised_header_and_a_row_for_every_frame_with_6_decimals() {
     assert!(rows.iter().map(|row| row.frame).eq(0..240));
     for (row, line) in rows.iter().zip(DEMO.csv.lines().skip(1)) {
         assert!((row.time_s - row.frame as f64 / 30.0).abs() < 2e-6, "{row:?}");
-        assert_eq!((row.state.as_str(), row.values.len()), ("live", 52 + 6));
+        assert_eq!((row.state.as_str(), row.values.len()), ("live", 52 + 6 + 6));
         assert!(row.coefficients().iter().all(|value| (0.0..=1.0).contains(value)), "{row:?}");
         let decimals = line.split(',').filter_map(|field| Some(field.split_once('.')?.1.len()));
-        assert!(decimals.eq([6; 1 + 52 + 6]), "{line}");
+        assert!(decimals.eq([6; 1 + 52 + 6 + 6]), "{line}");
     }
 }
 

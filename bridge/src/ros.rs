@@ -314,16 +314,19 @@ fn board_status(board: &Board, now: Instant) -> DiagnosticStatus {
     };
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a rate is small and positive")]
     let rate_hz = tally.rate_hz(now).round() as u64;
+    let covered: Vec<_> = packet.visibility.covered().collect();
+    let mut values = values([
+        ("packets_per_s", rate_hz),
+        ("packets", tally.packets),
+        ("lost", tally.lost),
+        ("damaged", tally.refused),
+    ]);
+    values.push(KeyValue { key: "covered", value: covered.join(", ") });
     DiagnosticStatus {
         level,
         name: format!("facewire {}", board.name),
         message,
         hardware_id: board.address.to_string(),
-        values: values([
-            ("packets_per_s", rate_hz),
-            ("packets", tally.packets),
-            ("lost", tally.lost),
-            ("damaged", tally.refused),
-        ]),
+        values,
     }
 }

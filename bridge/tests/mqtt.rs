@@ -250,13 +250,18 @@ fn the_stream_has_the_head_and_all_52_coefficients_and_at_most_the_rate_that_was
     let Some(broker) = Broker::start() else { return };
     let mut listener = broker.subscribe("facewire/left/frame");
     let begun = Instant::now();
-    let (_bridge, left) = with_left(&broker, &["--mqtt-stream", "10"]);
+    let (_bridge, mut left) = with_left(&broker, &["--mqtt-stream", "10"]);
+    left.packet.visibility.mouth = 0.4;
     let _guard = sending(vec![left]);
     let smiles = |frame: &Value| frame["blendshapes"]["mouthSmileLeft"] == 0.8;
     let frame = listener.wait_for_json("facewire/left/frame", smiles);
     let shapes = frame["blendshapes"].as_object().unwrap();
     assert!(shapes.len() == 52 && BLENDSHAPES.iter().all(|name| shapes.contains_key(*name)));
     assert_eq!((&frame["state"], &frame["head"]["rotation"][3]), (&Value::from("live"), &Value::from(1.0)));
+    assert_eq!(
+        (&frame["visibility"]["mouth"], &frame["visibility"]["left_eye"]),
+        (&Value::from(0.4), &Value::from(1.0))
+    );
     for _ in 0..20 {
         listener.wait_for_message("facewire/left/frame", |_| true);
     }

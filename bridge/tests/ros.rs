@@ -114,7 +114,8 @@ fn who_comes_late_learns_whether_there_is_a_face_and_sigterm_says_that_there_is_
 
 #[test]
 fn diagnostics_tell_of_each_board_and_of_what_was_refused() {
-    let Some((listen, bridge, left)) = with_left(&[]) else { return };
+    let Some((listen, bridge, mut left)) = with_left(&[]) else { return };
+    left.packet.visibility.mouth = 0.4;
     let mut diagnostics = listen("diagnostic_msgs/DiagnosticArray", "/diagnostics");
     let level = |report: &Value, at: usize| report["status"][at]["level"].as_u64();
     sample(&mut diagnostics, "a silent board", |report| level(report, 0) == Some(3));
@@ -126,6 +127,7 @@ fn diagnostics_tell_of_each_board_and_of_what_was_refused() {
         (&report["status"][0]["name"], &report["status"][0]["hardware_id"]),
         (&"facewire left".into(), &"127.0.1.1".into())
     );
+    assert_eq!(report["status"][0]["values"][4], serde_json::json!({"key": "covered", "value": "mouth"}));
     assert_eq!(report["status"][1]["values"][0], serde_json::json!({"key": "strangers", "value": "1"}));
 }
 

@@ -55,6 +55,7 @@ int main(int argc, char **argv)
             fwrite(face.coefficients, sizeof face.coefficients, 1, values);
             fwrite(face.rotation_xyzw, sizeof face.rotation_xyzw, 1, values);
             fwrite(face.position_mm, sizeof face.position_mm, 1, values);
+            fwrite(&face.visibility, sizeof face.visibility, 1, values);
             fwrite(&face.score, sizeof face.score, 1, values);
             fwrite(face.landmarks, sizeof face.landmarks, 1, values);
         }

@@ -99,6 +99,22 @@ struct facewire_picture {
   uint32_t is_video_range;
 };
 
+// How much of each part of a face is in view, from 0 (covered) to 1. Left and right are the person's own.
+struct facewire_visibility {
+  // The left eye with its lids.
+  float left_eye;
+  // The right eye with its lids.
+  float right_eye;
+  // Both brows.
+  float brows;
+  // Mouth and jaw.
+  float mouth;
+  // Cheeks and nose.
+  float cheeks;
+  // The whole face.
+  float face;
+};
+
 // A face in a picture.
 struct facewire_face {
   // Stays the same while a face is followed.
@@ -115,6 +131,8 @@ struct facewire_face {
   float gaze_yaw_pitch_deg[2];
   // The neutral face from which coefficients are measured: 0 the mean of many people, 1 estimated, 2 calibrated.
   uint32_t neutral;
+  // How much of each part is in view. The coefficients of what is covered are a guess.
+  struct facewire_visibility visibility;
   // How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
   float score;
   // x, y and z of the landmarks in pixels of the picture.

@@ -97,6 +97,31 @@ pub struct Picture {
     pub is_video_range: u32,
 }
 
+/// How much of each part of a face is in view, from 0 (covered) to 1. Left and right are the person's own.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct Visibility {
+    /// The left eye with its lids.
+    pub left_eye: f32,
+    /// The right eye with its lids.
+    pub right_eye: f32,
+    /// Both brows.
+    pub brows: f32,
+    /// Mouth and jaw.
+    pub mouth: f32,
+    /// Cheeks and nose.
+    pub cheeks: f32,
+    /// The whole face.
+    pub face: f32,
+}
+
+impl From<facewire_library::Visibility> for Visibility {
+    fn from(visibility: facewire_library::Visibility) -> Self {
+        let facewire_library::Visibility { left_eye, right_eye, brows, mouth, cheeks, face } = visibility;
+        Self { left_eye, right_eye, brows, mouth, cheeks, face }
+    }
+}
+
 /// A face in a picture.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -115,6 +140,8 @@ pub struct Face {
     pub gaze_yaw_pitch_deg: [f32; 2],
     /// The neutral face from which coefficients are measured: 0 the mean of many people, 1 estimated, 2 calibrated.
     pub neutral: u32,
+    /// How much of each part is in view. The coefficients of what is covered are a guess.
+    pub visibility: Visibility,
     /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
     pub score: f32,
     /// x, y and z of the landmarks in pixels of the picture.
@@ -135,6 +162,7 @@ impl From<&facewire_library::Face> for Face {
                 NeutralFace::Estimated => 1,
                 NeutralFace::Calibrated => 2,
             },
+            visibility: face.visibility.into(),
             score: face.score,
             landmarks: face.landmarks.0,
         }

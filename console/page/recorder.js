@@ -4,12 +4,13 @@
 export const MOST_ROWS = 108_000;
 // Rows are packed into blobs, which a browser may move to the disk.
 const ROWS_OF_A_BLOB = 1000;
+const PARTS = ["left_eye", "right_eye", "brows", "mouth", "cheeks", "face"];
 const HEAD = ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
 
 export class Recorder {
   constructor(names) {
     this.blobs = [];
-    this.rows = [["frame", "time_s", "state", ...names, ...HEAD].join(",")];
+    this.rows = [["frame", "time_s", "state", ...names, ...HEAD, ...PARTS.map((part) => `visibility_${part}`)].join(",")];
     this.count = 0;
     // The packet at frame 0 and time 0, and the last row.
     this.origin = undefined;
@@ -27,7 +28,9 @@ export class Recorder {
     this.origin ??= { number: packet.number, time: packet.time_s };
     this.last = { number: packet.number, time: packet.time_s };
     this.count += 1;
-    const values = [...packet.coefficients, ...packet.angles_deg, ...packet.position_mm].map((value) => value.toFixed(6));
+    const visibility = PARTS.map((part) => packet.visibility[part]);
+    const numbers = [...packet.coefficients, ...packet.angles_deg, ...packet.position_mm, ...visibility];
+    const values = numbers.map((value) => value.toFixed(6));
     const time = (packet.time_s - this.origin.time).toFixed(6);
     this.rows.push([packet.number - this.origin.number, time, packet.state, ...values].join(","));
     if (this.rows.length >= ROWS_OF_A_BLOB) this.pack();

@@ -10,8 +10,18 @@ export function stateOf(snapshot, silence, { connection, status }) {
   if (status?.service?.driven) return ["hold", "driven by hand"];
   if (!snapshot?.packet) return ["waiting", "waiting for packets"];
   if (silence !== undefined) return ["silent", "silent: the face is neutral"];
-  const { state, reason } = snapshot.packet;
-  return [state, reason === "none" ? state : `${state}: ${reason}`];
+  const { state, reason, visibility } = snapshot.packet;
+  return [state, [reason === "none" ? state : `${state}: ${reason}`, ...coveredOf(visibility)].join(", ")];
+}
+
+// Names what is covered, of which less than half is in view: ["eyes covered", "mouth covered"]. The whole face is named only
+// if no part is.
+function coveredOf({ left_eye: left, right_eye: right, brows, mouth, cheeks, face }) {
+  const isCovered = (value) => value < 0.5;
+  const eyes = isCovered(left) ? (isCovered(right) ? "eyes" : "left eye") : isCovered(right) && "right eye";
+  const parts = [eyes, isCovered(brows) && "brows", isCovered(mouth) && "mouth", isCovered(cheeks) && "cheeks"];
+  const covered = parts.filter(Boolean);
+  return (covered.length === 0 && isCovered(face) ? ["face"] : covered).map((part) => `${part} covered`);
 }
 
 // Returns the numbers to show, as pairs of a name and a text.

@@ -52,6 +52,7 @@ export const NAMES = {
   "wearer.name": "Wearer at the start",
   "wearer.folder": "Folder of the profiles",
   "wearer.neutral": "Neutral face",
+  "wearer.wears": "On the face",
   "plausibility.lids": "Lids close alike",
   "plausibility.gaze": "Gaze stays in a blink",
   "opposed": "No opposite movements",

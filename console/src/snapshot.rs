@@ -2,8 +2,8 @@
 
 use std::{sync::Arc, time::Instant};
 
-use facewire_packet::{DecodeError, Packet};
-use serde::Serialize;
+use facewire_packet::{DecodeError, Packet, Visibility};
+use serde::{Serialize, Serializer};
 
 /// Who sent a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,6 +96,8 @@ struct PacketJson {
     state: &'static str,
     reason: &'static str,
     neutral_face: &'static str,
+    #[serde(serialize_with = "with_parts")]
+    visibility: Visibility,
     age_ms: f64,
     rotation: [f64; 4],
     angles_deg: [f64; 3],
@@ -114,6 +116,7 @@ impl PacketJson {
             state: packet.state.name(),
             reason: packet.reason.name(),
             neutral_face: packet.neutral_face.name(),
+            visibility: packet.visibility,
             age_ms: f64::from(packet.age_us) / 1e3,
             rotation: packet.rotation.map(|part| rounded(part.into(), 1e5)),
             angles_deg: angles_deg(packet),
@@ -129,6 +132,10 @@ fn name(sender: Sender) -> String {
         Sender::Line => "the serial line".to_owned(),
         Sender::Service => "the service".to_owned(),
     }
+}
+
+fn with_parts<S: Serializer>(visibility: &Visibility, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(visibility.parts().map(|(part, value)| (part, rounded(value.into(), 1e2))))
 }
 
 /// Rounds to the accuracy of the packet, and turns -0 into 0.
@@ -179,11 +186,16 @@ mod tests {
         let (mut tally, at) = (Tally::default(), Instant::now());
         let mut packet = Packet { state: State::Live, age_us: 20_000, ..Packet::NEUTRAL };
         packet.coefficients[17] = 0.5;
+        packet.visibility.mouth = 0.2;
         tally.count(&packet, Sender::Udp(([127, 0, 0, 1], 9).into()), at);
         tally.refuse(facewire_packet::DecodeError::Checksum);
         let json: serde_json::Value = serde_json::from_str(&Snapshot::of(&tally, at).to_json(at, at)).unwrap();
         assert_eq!(json["packet"]["coefficients"][17], 0.5);
         assert_eq!(json["packet"]["state"], "live");
+        assert_eq!(
+            (&json["packet"]["visibility"]["mouth"], &json["packet"]["visibility"]["brows"]),
+            (&0.2.into(), &1.0.into())
+        );
         assert_eq!(json["packet"]["from"], "127.0.0.1:9");
         assert_eq!(json["packet"]["age_ms"], 20.0);
         assert_eq!((&json["packets"], &json["refused"]), (&1.into(), &1.into()));

@@ -10,7 +10,7 @@ use common::{
     browser::{Browser, element},
     packet, skip,
 };
-use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State, Visibility};
 
 /// A page of this size in CSS pixels that is open in a browser and receives these packets, or `None` with a note if there
 /// is no browser.
@@ -67,6 +67,22 @@ fn the_page_shows_what_was_sent_without_errors_or_requests_elsewhere() {
     assert_eq!(browser.errors(), Vec::<serde_json::Value>::new());
     let requests = browser.requests();
     assert!(requests.len() > 10 && requests.iter().all(|url| url.starts_with(&viewer.url)), "{requests:?}");
+}
+
+#[test]
+fn the_state_names_what_is_covered_and_keeps_its_colour() {
+    let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[])) else { return };
+    let whole = Visibility::WHOLE;
+    for (visibility, text) in [
+        (Visibility { left_eye: 0.2, right_eye: 0.4, brows: 0.6, ..whole }, "live, eyes covered"),
+        (Visibility { right_eye: 0.0, mouth: 0.0, face: 0.3, ..whole }, "live, right eye covered, mouth covered"),
+        (Visibility { face: 0.4, ..whole }, "live, face covered"),
+        (whole, "live"),
+    ] {
+        sending.show(Packet { visibility, ..packet(&[]) });
+        browser.wait_until(&format!("document.getElementById('state').textContent === '{text}'"));
+        assert_eq!(browser.value("document.getElementById('state').dataset.state"), "live");
+    }
 }
 
 #[test]
@@ -163,6 +179,12 @@ fn a_recording_has_the_columns_of_track_and_a_row_for_each_packet() {
         "head_x_mm",
         "head_y_mm",
         "head_z_mm",
+        "visibility_left_eye",
+        "visibility_right_eye",
+        "visibility_brows",
+        "visibility_mouth",
+        "visibility_cheeks",
+        "visibility_face",
     ]);
     let head: Vec<&str> = head.collect();
     assert_eq!(text.lines().next().unwrap(), head.join(","));

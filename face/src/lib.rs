@@ -26,7 +26,7 @@ pub use model::{Model, ModelError};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels, Rotation};
 pub use solve::{
     Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Neutral,
-    NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver,
+    NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, Wears,
 };
 pub use track::{Appearance, EyeValues, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};
 

@@ -4,8 +4,10 @@ use facewire_packet::{DecodeError, PACKET_BYTES, Packet, State};
 
 use super::wire::{Wire, checksum, seal, sealed, stated_checksum};
 
-/// The bits of the flags that version 1 does not use.
-const UNUSED_FLAGS: u8 = 0b1100;
+/// The bits of the flags that name the neutral face. If all are set, a part of the face is covered.
+const NEUTRAL_FACE: u8 = 0b1100;
+/// The coefficients whose lowest 4 bits then carry the visibility of the parts and the neutral face: the lower bytes.
+const CARRIERS: [usize; 7] = [26, 28, 30, 32, 34, 36, 38];
 /// The highest number of a reason that version 1 defines.
 const LAST_REASON: u8 = 5;
 
@@ -42,10 +44,19 @@ fn judge(data: &[u8]) {
     }
 }
 
-/// Returns the bytes that facewire itself writes for a packet: unused flags are 0, and -32768 in the rotation becomes
-/// -32767.
+/// Returns the bytes that facewire itself writes for a packet: a neutral face that does not exist is the first one, a face of
+/// which all is in view says so by its flags, and -32768 in the rotation becomes -32767.
 fn canonical(mut wire: Wire) -> Wire {
-    wire[3] &= !UNUSED_FLAGS;
+    if wire[3] & NEUTRAL_FACE == NEUTRAL_FACE {
+        let [parts @ .., last] = CARRIERS;
+        let neutral_face = if wire[last] & 3 == 3 { 0 } else { wire[last] & 3 };
+        if parts.iter().all(|at| wire[*at] & 0xF == 0xF) {
+            wire[3] = wire[3] & !NEUTRAL_FACE | neutral_face << 2;
+            CARRIERS.iter().for_each(|at| wire[*at] = wire[*at] & 0xF0 | wire[at + 1] >> 4);
+        } else {
+            wire[last] = wire[last] & 0xF0 | neutral_face;
+        }
+    }
     for component in wire[12..20].chunks_exact_mut(2).filter(|bytes| **bytes == i16::MIN.to_le_bytes()) {
         component.copy_from_slice(&(-i16::MAX).to_le_bytes());
     }

@@ -51,7 +51,7 @@ pub use facewire_face::{
     Adjustment, Adjustments, BLENDSHAPES, Filter, FilterKind, Filters, Gaze, Group, HeadPose, LANDMARKS, Landmarks,
     MAX_SIDE_PX, Neutral, NeutralMode, Picture, Pixels, Profile, Rules, Shaping, SolveError,
 };
-pub use facewire_packet::NeutralFace;
+pub use facewire_packet::{NeutralFace, Visibility};
 pub use format::Format;
 pub use options::{Options, default_shaping};
 pub use profile::{neutral_of, read_profile};

@@ -8,7 +8,7 @@ use facewire_face::{
     BLENDSHAPES, COEFFS, Camera, Engine, FaceBox, Gaze, HeadPose, InferError, Landmarks, Model, NeutralMode, Picture,
     Profile, Solver,
 };
-use facewire_packet::NeutralFace;
+use facewire_packet::{NeutralFace, Visibility};
 
 use crate::{Error, Options};
 
@@ -31,6 +31,8 @@ pub struct Face {
     pub gaze: Gaze,
     /// The neutral face from which the coefficients are measured.
     pub neutral: NeutralFace,
+    /// How much of each part of the face is in view. The coefficients of what is covered are a guess.
+    pub visibility: Visibility,
     /// How surely the network sees a face: the log-odds that it computes, from 0 on. It is about 25 for a face in view. Below 15
     /// the face is doubtful, for instance because its upper half is covered, and its coefficients may be wrong.
     pub score: f32,
@@ -44,7 +46,7 @@ impl Face {
     }
 }
 
-/// A face with the identifier 0, whose values are all 0 and which does not turn: a program fills it to restore a face that it
+/// A face with the identifier 0, whose values are all 0, which does not turn and of which nothing is covered: a program fills it to restore a face that it
 /// kept, or in a test.
 impl Default for Face {
     fn default() -> Self {
@@ -55,6 +57,7 @@ impl Default for Face {
             head: HeadPose::from_rotation([0.0, 0.0, 0.0, 1.0], [0.0; 3]),
             gaze: Gaze::default(),
             neutral: NeutralFace::Mean,
+            visibility: Visibility::WHOLE,
             score: 0.0,
         }
     }
@@ -238,6 +241,7 @@ impl Seat {
         self.face.head = solution.head;
         self.face.gaze = Gaze::of(&Coefficients(solution.smoothed.0));
         self.face.neutral = solution.neutral_face;
+        self.face.visibility = solution.visibility;
         self.face.score = self.mesh.face().appearance.map_or(0.0, |seen| seen.score);
         Ok(())
     }

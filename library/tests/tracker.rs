@@ -78,7 +78,7 @@ fn is_same((tracker, pipeline): &mut (FaceTracker, Pipeline), frame: &Frame) -> 
     let Some((ours, theirs)) = ours.zip(theirs) else { return false };
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&ours.coefficients), bits(&theirs.smoothed.0), "frame {}", frame.number);
-    assert_eq!((ours.head, ours.neutral), (theirs.head, theirs.neutral_face));
+    assert_eq!((ours.head, ours.neutral, ours.visibility), (theirs.head, theirs.neutral_face, theirs.visibility));
     assert_eq!(ours.score.to_bits(), processed.face.unwrap().appearance.unwrap().score.to_bits());
     assert_eq!(bits(ours.landmarks.0.as_flattened()), bits(processed.face.unwrap().landmarks.0.as_flattened()));
     true

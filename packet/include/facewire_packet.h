@@ -34,6 +34,8 @@
 #define FACEWIRE_TRAVEL_MS 500
 /* The integers that represent 1.0 in a coefficient and in a component of the quaternion. */
 #define FACEWIRE_COEFFICIENT_ONE 65535
+/* The integer that represents a part of the face that is in view; below half of it, the part is covered. */
+#define FACEWIRE_VISIBILITY_ONE 15
 #define FACEWIRE_ROTATION_ONE 32767
 
 /* How much the sender trusts the pose. */
@@ -59,6 +61,17 @@ enum facewire_neutral_face {
     FACEWIRE_NEUTRAL_FACE_MEAN = 0,      /* of many people */
     FACEWIRE_NEUTRAL_FACE_ESTIMATED = 1, /* the wearer's, estimated while watching */
     FACEWIRE_NEUTRAL_FACE_CALIBRATED = 2 /* the wearer's, from a calibration */
+};
+
+/* Indices of visibility[]. Left and right are the person's own. */
+enum facewire_part {
+    FACEWIRE_LEFT_EYE = 0,
+    FACEWIRE_RIGHT_EYE,
+    FACEWIRE_BROWS,
+    FACEWIRE_MOUTH,  /* and jaw */
+    FACEWIRE_CHEEKS, /* and nose */
+    FACEWIRE_FACE,   /* the whole */
+    FACEWIRE_PARTS
 };
 
 /* The return values of facewire_decode() and facewire_feed(). */
@@ -134,6 +147,7 @@ struct facewire_packet {
     uint8_t state;       /* enum facewire_state */
     uint8_t reason;      /* enum facewire_reason */
     uint8_t neutral_face; /* enum facewire_neutral_face */
+    uint8_t visibility[FACEWIRE_PARTS]; /* how much of each part of the face is in view, times 15 */
     uint16_t sequence;   /* increases by one with each packet and wraps; a gap means lost packets */
     uint16_t age;        /* time from capture to sending in 0.1 ms; saturates */
     uint32_t capture_us; /* capture time on the sender's monotonic clock; wraps */
@@ -172,20 +186,34 @@ static inline int facewire_verify(const uint8_t *bytes, size_t length) {
     return FACEWIRE_OK;
 }
 
+/* Takes visibility and neutral face, which a packet has in the lowest 4 bits of its first coefficients while a part of the face
+ * is covered. Puts the highest 4 bits in their place, so that 0 and 1 are exact. */
+static inline void facewire_extract(struct facewire_packet *packet) {
+    for (int i = 0; i <= FACEWIRE_PARTS; i++) {
+        uint16_t coefficient = packet->coefficients[i];
+        uint8_t carried = (uint8_t)(coefficient & 15);
+        if (i < FACEWIRE_PARTS) packet->visibility[i] = carried;
+        else packet->neutral_face = carried & 3;
+        packet->coefficients[i] = (uint16_t)((coefficient & 0xFFF0) | coefficient >> 12);
+    }
+    if (packet->neutral_face == 3) packet->neutral_face = FACEWIRE_NEUTRAL_FACE_MEAN; /* not used */
+}
+
 /* Decodes a packet. On failure returns a negative enum facewire_result and leaves `packet` unchanged. */
 static inline int facewire_decode(const uint8_t *bytes, size_t length, struct facewire_packet *packet) {
     int result = facewire_verify(bytes, length);
     if (result != FACEWIRE_OK) return result;
     packet->state = bytes[3] & 3;
     packet->reason = bytes[3] >> 4;
-    packet->neutral_face = bytes[3] >> 2 & 3;
-    if (packet->neutral_face == 3) packet->neutral_face = FACEWIRE_NEUTRAL_FACE_MEAN; /* reserved */
     packet->sequence = facewire_u16(bytes + 4);
     packet->age = facewire_u16(bytes + 6);
     packet->capture_us = facewire_u16(bytes + 8) | (uint32_t)facewire_u16(bytes + 10) << 16;
     for (int i = 0; i < 4; i++) packet->rotation[i] = facewire_i16(bytes + 12 + 2 * i);
     for (int i = 0; i < 3; i++) packet->position_mm[i] = facewire_i16(bytes + 20 + 2 * i);
     for (int i = 0; i < FACEWIRE_BLENDSHAPES; i++) packet->coefficients[i] = facewire_u16(bytes + 26 + 2 * i);
+    packet->neutral_face = bytes[3] >> 2 & 3;
+    for (int i = 0; i < FACEWIRE_PARTS; i++) packet->visibility[i] = FACEWIRE_VISIBILITY_ONE;
+    if (packet->neutral_face == 3) facewire_extract(packet);
     return FACEWIRE_OK;
 }
 

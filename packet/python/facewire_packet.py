@@ -14,6 +14,7 @@ import struct
 PACKET_BYTES = 132
 STATES = ["live", "hold", "decay", "neutral"]
 NEUTRAL_FACES = ["mean", "estimated", "calibrated", "mean"]
+PARTS = ["left_eye", "right_eye", "brows", "mouth", "cheeks", "face"]
 REASONS = ["none", "no face", "no camera", "late", "bad result", "stopping"]
 NAMES = """
 eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
@@ -56,16 +57,23 @@ def decode(data):
         raise ValueError("checksum")
     if flags >> 4 >= len(REASONS):
         raise ValueError(f"reason {flags >> 4}")
+    coefficients = list(struct.unpack_from("<52H", data, 26))
+    visibility, neutral_face = [15] * len(PARTS), flags >> 2 & 3
+    if neutral_face == 3:  # a part is covered: the lowest 4 bits of the first coefficients carry these
+        count = len(PARTS) + 1
+        *visibility, neutral_face = [value & 15 for value in coefficients[:count]]
+        coefficients[:count] = [value & 0xFFF0 | value >> 12 for value in coefficients[:count]]
     return {
         "state": STATES[flags & 3],
         "reason": REASONS[flags >> 4],
-        "neutral_face": NEUTRAL_FACES[flags >> 2 & 3],
+        "neutral_face": NEUTRAL_FACES[neutral_face & 3],
+        "visibility": {part: value / 15 for part, value in zip(PARTS, visibility)},
         "sequence": sequence,
         "age_ms": age / 10,
         "capture_us": capture_us,
         "rotation": [value / 32767 for value in struct.unpack_from("<4h", data, 12)],
         "position_mm": list(struct.unpack_from("<3h", data, 20)),
-        "coefficients": [value / 65535 for value in struct.unpack_from("<52H", data, 26)],
+        "coefficients": [value / 65535 for value in coefficients],
     }
 
 

@@ -39,6 +39,7 @@ mod state;
 mod tally;
 #[cfg(feature = "udp")]
 pub mod udp;
+mod visibility;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
@@ -52,3 +53,4 @@ pub use receiver::{Face, LATE_MS, Receiver, TRAVEL_MS};
 pub use state::{NeutralFace, Reason, State};
 #[cfg(feature = "std")]
 pub use tally::{Newest, Tally};
+pub use visibility::Visibility;

@@ -2,7 +2,7 @@
 
 use crc::{CRC_16_MCRF4XX, Crc, NoTable};
 
-use crate::{BLENDSHAPE_COUNT, DecodeError, NeutralFace, PACKET_BYTES, Reason, State, field, quantise};
+use crate::{BLENDSHAPE_COUNT, DecodeError, NeutralFace, PACKET_BYTES, Reason, State, Visibility, field, quantise};
 
 /// The version of the format that this crate writes and reads.
 pub const VERSION: u8 = 1;
@@ -12,8 +12,15 @@ pub const SILENCE_MS: u32 = 500;
 /// A gap of this size means that the sender has restarted, not that packets were lost.
 const RESTART_GAP: u16 = 1024;
 const MAGIC: [u8; 2] = *b"FW";
+/// What stands in the flags in place of the neutral face while a part of the face is covered. The lowest 4 bits of the
+/// first coefficients are then [`Carried`]. Receivers that do not know this read the mean, and coefficients that are
+/// wrong by less than 1/4000.
+const COVERED: u8 = 3;
 /// Computed bit by bit: this takes 1 microsecond per packet, and a table would take 512 bytes of a microcontroller.
 const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
+
+/// The visibility of each part in fifteenths, and then the neutral face.
+type Carried = [u8; Visibility::NAMES.len() + 1];
 
 /// One pose of the face, as sent to a receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +31,8 @@ pub struct Packet {
     pub reason: Reason,
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
+    /// How much of each part of the face is in view; [`Visibility::WHOLE`] while no face is followed. Sent in fifteenths.
+    pub visibility: Visibility,
     /// Increases by one with each packet and wraps. A gap means lost packets.
     pub sequence: u16,
     /// Time from capture to sending in microseconds. Sent in steps of 100 microseconds, at most 6.5535 s.
@@ -35,7 +44,8 @@ pub struct Packet {
     pub rotation: [f32; 4],
     /// Head position in camera coordinates, in millimetres: x right in the picture, y down, z away from the camera.
     pub position_mm: [f32; 3],
-    /// The blendshape coefficients, from 0 to 1, in the order of [`crate::BLENDSHAPES`].
+    /// The blendshape coefficients, from 0 to 1, in the order of [`crate::BLENDSHAPES`]. Sent in steps of 1/65535; while a
+    /// part is covered, the first seven in steps of 1/4095.
     pub coefficients: [f32; BLENDSHAPE_COUNT],
 }
 
@@ -45,6 +55,7 @@ impl Packet {
         state: State::Neutral,
         reason: Reason::None,
         neutral_face: NeutralFace::Mean,
+        visibility: Visibility::WHOLE,
         sequence: 0,
         age_us: u32::MAX,
         capture_us: 0,
@@ -70,13 +81,19 @@ impl Packet {
         let wire = &mut bytes;
         field::MAGIC.put(wire, MAGIC);
         field::VERSION.put(wire, [VERSION]);
-        field::FLAGS.put(wire, [self.state as u8 | (self.neutral_face as u8) << 2 | (self.reason as u8) << 4]);
+        let mut coefficients = self.coefficients.map(quantise::coefficient);
+        let carried = self.carried();
+        if let Some(carried) = carried {
+            insert(carried, &mut coefficients);
+        }
+        let neutral_face = if carried.is_some() { COVERED } else { self.neutral_face as u8 };
+        field::FLAGS.put(wire, [self.state as u8 | neutral_face << 2 | (self.reason as u8) << 4]);
         field::SEQUENCE.put(wire, self.sequence.to_le_bytes());
         field::AGE.put(wire, quantise::age(self.age_us).to_le_bytes());
         field::CAPTURE.put(wire, self.capture_us.to_le_bytes());
         field::ROTATION.put(wire, i16s_to_bytes(quantise::rotation(self.rotation)));
         field::POSITION.put(wire, i16s_to_bytes(quantise::position(self.position_mm)));
-        field::COEFFICIENTS.put(wire, coefficients_to_bytes(&self.coefficients));
+        field::COEFFICIENTS.put(wire, coefficients_to_bytes(coefficients));
         field::CHECKSUM.put(wire, checksum(wire).to_le_bytes());
         bytes
     }
@@ -89,18 +106,53 @@ impl Packet {
         let wire = verified(bytes)?;
         let [flags] = field::FLAGS.get(wire);
         let reason = flags >> 4;
+        let mut coefficients = coefficients_from_bytes(&field::COEFFICIENTS.get(wire));
+        let (visibility, neutral_face) = match flags >> 2 & 0b11 {
+            COVERED => extract(&mut coefficients),
+            neutral_face => (Visibility::WHOLE, neutral_face),
+        };
         Ok(Self {
             state: State::from_bits(flags),
             reason: Reason::from_number(reason).ok_or(DecodeError::Reason(reason))?,
-            neutral_face: NeutralFace::from_bits(flags),
+            neutral_face: NeutralFace::from_bits(neutral_face),
+            visibility,
             sequence: u16::from_le_bytes(field::SEQUENCE.get(wire)),
             age_us: quantise::age_back(u16::from_le_bytes(field::AGE.get(wire))),
             capture_us: u32::from_le_bytes(field::CAPTURE.get(wire)),
             rotation: quantise::rotation_back(i16s_from_bytes(&field::ROTATION.get(wire))),
             position_mm: i16s_from_bytes(&field::POSITION.get(wire)).map(f32::from),
-            coefficients: coefficients_from_bytes(&field::COEFFICIENTS.get(wire)),
+            coefficients: coefficients.map(quantise::coefficient_back),
         })
     }
+
+    /// Returns what the coefficients carry besides themselves; `None` if nothing is covered.
+    fn carried(&self) -> Option<Carried> {
+        let mut carried = Carried::default();
+        let [parts @ .., neutral_face] = &mut carried;
+        *parts = self.visibility.values().map(quantise::visibility);
+        *neutral_face = self.neutral_face as u8;
+        (*parts != Visibility::WHOLE.values().map(quantise::visibility)).then_some(carried)
+    }
+}
+
+/// Replaces the lowest 4 bits of the first coefficients.
+fn insert(carried: Carried, coefficients: &mut [u16; BLENDSHAPE_COUNT]) {
+    for (coefficient, carried) in coefficients.iter_mut().zip(carried) {
+        *coefficient = *coefficient & !0xF | u16::from(carried);
+    }
+}
+
+/// Returns the visibility and the number of the neutral face that the first coefficients carry. Replaces them by their
+/// highest 4 bits, so that 0 and 1 are exact.
+fn extract(coefficients: &mut [u16; BLENDSHAPE_COUNT]) -> (Visibility, u8) {
+    let mut carried = Carried::default();
+    for (carried, coefficient) in carried.iter_mut().zip(coefficients) {
+        let [low, _] = coefficient.to_le_bytes();
+        *carried = low & 0xF;
+        *coefficient = *coefficient & !0xF | *coefficient >> 12;
+    }
+    let [parts @ .., neutral_face] = carried;
+    (Visibility::from_values(parts.map(quantise::visibility_back)), neutral_face)
 }
 
 /// Checks length, magic number, version and checksum.
@@ -143,18 +195,18 @@ fn i16s_from_bytes<const N: usize, const BYTES: usize>(bytes: &[u8; BYTES]) -> [
     values
 }
 
-fn coefficients_to_bytes(coefficients: &[f32; BLENDSHAPE_COUNT]) -> [u8; 2 * BLENDSHAPE_COUNT] {
+fn coefficients_to_bytes(coefficients: [u16; BLENDSHAPE_COUNT]) -> [u8; 2 * BLENDSHAPE_COUNT] {
     let mut bytes = [0; 2 * BLENDSHAPE_COUNT];
     for (pair, value) in bytes.as_chunks_mut().0.iter_mut().zip(coefficients) {
-        *pair = quantise::coefficient(*value).to_le_bytes();
+        *pair = value.to_le_bytes();
     }
     bytes
 }
 
-fn coefficients_from_bytes(bytes: &[u8; 2 * BLENDSHAPE_COUNT]) -> [f32; BLENDSHAPE_COUNT] {
-    let mut coefficients = [0.0; BLENDSHAPE_COUNT];
+fn coefficients_from_bytes(bytes: &[u8; 2 * BLENDSHAPE_COUNT]) -> [u16; BLENDSHAPE_COUNT] {
+    let mut coefficients = [0; BLENDSHAPE_COUNT];
     for (value, pair) in coefficients.iter_mut().zip(bytes.as_chunks().0) {
-        *value = quantise::coefficient_back(u16::from_le_bytes(*pair));
+        *value = u16::from_le_bytes(*pair);
     }
     coefficients
 }

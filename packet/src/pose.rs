@@ -1,6 +1,6 @@
 //! The pose of a face, which is the part of a packet that moves.
 
-use crate::{BLENDSHAPE_COUNT, NeutralFace, Packet};
+use crate::{BLENDSHAPE_COUNT, NeutralFace, Packet, Visibility};
 
 /// The angle of an eye whose `eyeLook` coefficient is 1, degrees.
 ///
@@ -20,13 +20,15 @@ pub struct Pose {
     pub coefficients: [f32; BLENDSHAPE_COUNT],
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
+    /// How much of each part of the face is in view.
+    pub visibility: Visibility,
 }
 
 impl Pose {
     /// No expression, facing the camera.
     pub const NEUTRAL: Self = Packet::NEUTRAL.pose();
 
-    /// Returns the neutral face at the position of this pose: a head has no neutral position.
+    /// Returns the neutral face at the position of this pose: a head has no neutral position. Nothing of it is covered.
     #[must_use]
     pub const fn neutral_here(&self) -> Self {
         Self { position_mm: self.position_mm, neutral_face: self.neutral_face, ..Self::NEUTRAL }
@@ -37,15 +39,15 @@ impl Packet {
     /// Returns the pose of the packet.
     #[must_use]
     pub const fn pose(&self) -> Pose {
-        let Self { rotation, position_mm, coefficients, neutral_face, .. } = *self;
-        Pose { rotation, position_mm, coefficients, neutral_face }
+        let Self { rotation, position_mm, coefficients, neutral_face, visibility, .. } = *self;
+        Pose { rotation, position_mm, coefficients, neutral_face, visibility }
     }
 
     /// Returns this packet with another pose.
     #[must_use]
     pub const fn with_pose(self, pose: &Pose) -> Self {
-        let Pose { rotation, position_mm, coefficients, neutral_face } = *pose;
-        Self { neutral_face, rotation, position_mm, coefficients, ..self }
+        let Pose { rotation, position_mm, coefficients, neutral_face, visibility } = *pose;
+        Self { neutral_face, visibility, rotation, position_mm, coefficients, ..self }
     }
 }
 

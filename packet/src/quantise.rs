@@ -3,6 +3,8 @@
 
 /// Quantisation steps of a coefficient between 0 and 1.
 const COEFFICIENT_STEPS: f32 = 65535.0;
+/// Quantisation steps of the visibility of a part between 0 and 1.
+const VISIBILITY_STEPS: f32 = 15.0;
 /// Quantisation steps of a quaternion component between 0 and 1.
 const ROTATION_STEPS: f32 = 32767.0;
 /// Microseconds per step of the age.
@@ -17,6 +19,17 @@ pub fn coefficient(value: f32) -> u16 {
 /// Converts a received integer to a coefficient.
 pub fn coefficient_back(wire: u16) -> f32 {
     f32::from(wire) / COEFFICIENT_STEPS
+}
+
+/// Quantises the visibility of a part to fifteenths.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "`as` saturates and turns NaN into 0")]
+pub fn visibility(value: f32) -> u8 {
+    ((value * VISIBILITY_STEPS + 0.5) as u8).min(15)
+}
+
+/// Converts received fifteenths to the visibility of a part.
+pub fn visibility_back(wire: u8) -> f32 {
+    f32::from(wire) / VISIBILITY_STEPS
 }
 
 /// Quantises a quaternion to components from -32767 to 32767. If a component is not finite, returns the identity.

@@ -111,9 +111,9 @@ pub enum NeutralFace {
 }
 
 impl NeutralFace {
-    /// Reads the neutral face from bits 2 and 3. Version 1 reserves the value 3, which is read as the mean.
+    /// Reads the neutral face from the two lowest bits. Version 1 does not use the value 3, which is read as the mean.
     pub(crate) const fn from_bits(bits: u8) -> Self {
-        match bits >> 2 & 0b11 {
+        match bits & 0b11 {
             1 => Self::Estimated,
             2 => Self::Calibrated,
             _ => Self::Mean,

@@ -1,12 +1,12 @@
 //! The C header decodes what the crate encodes.
-#![allow(clippy::unwrap_used, clippy::indexing_slicing)]
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::float_cmp, clippy::cast_precision_loss)]
 
 mod compiler;
 
 use std::{fs, path::PathBuf, sync::LazyLock};
 
 use compiler::{compiled_c, package, printed};
-use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, NeutralFace, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, NeutralFace, Packet, Reason, State, Visibility};
 
 static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("decode.c"));
 static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("feed.c"));
@@ -34,11 +34,15 @@ fn packet() -> Packet {
 
 #[test]
 fn c_reads_every_field_that_rust_wrote() {
-    let mut want = vec![2, 2, 2, 65535, 1234, 0xFEDC_BA98, 0, -32767, 32767, 16384, -1, 2, -30000];
-    want.push(65535);
-    want.extend([0; 50]);
-    want.push(32768);
-    assert_eq!(decoded_by_c(&packet().encode()), want);
+    let covered = Visibility { right_eye: 0.2, mouth: 0.0, ..Visibility::WHOLE };
+    for (visibility, fifteenths) in [(Visibility::WHOLE, [15; 6]), (covered, [15, 3, 15, 0, 15, 15])] {
+        let mut want = vec![2, 2, 2, 65535, 1234, 0xFEDC_BA98];
+        want.extend(fifteenths);
+        want.extend([0, -32767, 32767, 16384, -1, 2, -30000, 65535]);
+        want.extend([0; 50]);
+        want.push(32768);
+        assert_eq!(decoded_by_c(&Packet { visibility, ..packet() }.encode()), want);
+    }
 }
 
 #[test]
@@ -86,6 +90,35 @@ fn c_and_rust_find_the_same_packets_and_errors_on_a_line() {
     let found = read_by_rust(&line);
     assert!([-1, -6, 65535].iter().all(|number| found.contains(number)));
     assert_eq!(printed(&FEEDER, &line), found);
+}
+
+#[test]
+fn c_and_rust_read_any_coefficients_of_a_covered_face_alike() {
+    let mut packet = Packet { visibility: Visibility::from_values([0.1, 0.3, 0.5, 0.6, 0.8, 1.0]), ..packet() };
+    for (value, coefficient) in (0_u8..).zip(&mut packet.coefficients) {
+        *coefficient = f32::from(value) / 51.3;
+    }
+    let bytes = packet.encode();
+    let read = Packet::decode(&bytes).unwrap();
+    let by_c = decoded_by_c(&bytes);
+    let (found, coefficients) = by_c.split_at(by_c.len() - 52);
+    assert_eq!(found[2], 2, "calibrated");
+    for (value, part) in found[6..12].iter().zip(read.visibility.values()) {
+        assert_eq!(*value as f32 / 15.0, part);
+    }
+    for (value, coefficient) in coefficients.iter().zip(read.coefficients) {
+        assert_eq!(*value as f32 / 65535.0, coefficient);
+    }
+}
+
+#[test]
+fn c_names_the_parts_of_the_face_in_the_order_of_the_crate() {
+    let text = fs::read_to_string(package().join("include/facewire_packet.h")).unwrap();
+    let list = text.split("enum facewire_part {").nth(1).unwrap();
+    let names = list.lines().skip(1).map(str::trim).take(Visibility::NAMES.len());
+    for (c_name, name) in names.zip(Visibility::NAMES) {
+        assert_eq!(c_name.split([',', ' ']).next().unwrap(), format!("FACEWIRE_{}", name.to_uppercase()));
+    }
 }
 
 #[test]

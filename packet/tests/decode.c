@@ -13,6 +13,7 @@ int main(void) {
         return 0;
     }
     printf("%d %d %d %d %d %lu", packet.state, packet.reason, packet.neutral_face, packet.sequence, packet.age, (unsigned long)packet.capture_us);
+    for (int i = 0; i < FACEWIRE_PARTS; i++) printf(" %d", packet.visibility[i]);
     for (int i = 0; i < 4; i++) printf(" %d", packet.rotation[i]);
     for (int i = 0; i < 3; i++) printf(" %d", packet.position_mm[i]);
     for (int i = 0; i < FACEWIRE_BLENDSHAPES; i++) printf(" %d", packet.coefficients[i]);

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use facewire_packet::{BLENDSHAPES, DecodeError, NeutralFace, PACKET_BYTES, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, DecodeError, NeutralFace, PACKET_BYTES, Packet, Reason, State, Visibility};
 
 /// The encoding of [`golden_packet`] by an independent implementation: Python's `struct` and `crccheck`.
 const GOLDEN: &str = "\
@@ -11,12 +11,19 @@ const GOLDEN: &str = "\
      2d2d323237373c3c414146464b4b505055555a5a5f5f646469696e6e737378787d7d828287878c8c91919696\
      9b9ba0a0a5a5aaaaafafb4b4b9b9bebec3c3c8c8cdcdd2d2d7d7dcdce1e1e6e6ebebf0f0f5f5fafafffffac6";
 
+/// The same of [`covered_packet`].
+const COVERED: &str = "\
+     4657013d34127b00efcdab89cd0c67e66626b376f4ff230064020c0000050f0a080f1e141919111e23232828\
+     2d2d323237373c3c414146464b4b505055555a5a5f5f646469696e6e737378787d7d828287878c8c91919696\
+     9b9ba0a0a5a5aaaaafafb4b4b9b9bebec3c3c8c8cdcdd2d2d7d7dcdce1e1e6e6ebebf0f0f5f5fafaffff3164";
+
 #[expect(clippy::cast_precision_loss, reason = "0 to 51")]
 fn golden_packet() -> Packet {
     Packet {
         state: State::Hold,
         reason: Reason::Late,
         neutral_face: NeutralFace::Estimated,
+        visibility: Visibility::WHOLE,
         sequence: 0x1234,
         age_us: 12_345,
         capture_us: 0x89AB_CDEF,
@@ -33,10 +40,24 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
+/// The golden packet of a face whose right eye is covered, and whose mouth is half in view.
+fn covered_packet() -> Packet {
+    let visibility = Visibility { left_eye: 0.8, right_eye: 0.0, brows: 1.0, mouth: 0.5, cheeks: 0.9, face: 0.6 };
+    Packet { visibility, ..golden_packet() }
+}
+
 /// Returns the golden packet with one byte replaced and a matching checksum.
 fn with_byte(offset: usize, value: u8) -> [u8; PACKET_BYTES] {
     let mut bytes = golden_packet().encode();
     bytes[offset] = value;
+    let checksum = crc16_mcrf4xx(&bytes[..130]);
+    bytes[130..].copy_from_slice(&checksum.to_le_bytes());
+    bytes
+}
+
+/// Returns these bytes with other flags and a matching checksum.
+fn with_flags(mut bytes: [u8; PACKET_BYTES], flags: u8) -> [u8; PACKET_BYTES] {
+    bytes[3] = flags;
     let checksum = crc16_mcrf4xx(&bytes[..130]);
     bytes[130..].copy_from_slice(&checksum.to_le_bytes());
     bytes
@@ -143,10 +164,49 @@ fn foreign_magic_version_and_reason_are_refused_despite_a_valid_checksum() {
 }
 
 #[test]
-fn reserved_neutral_face_means_the_mean_of_many_people() {
-    let received = Packet::decode(&with_byte(3, 0b0011_1101)).unwrap();
-    assert_eq!((received.state, received.reason), (State::Hold, Reason::Late));
-    assert_eq!(received.neutral_face, NeutralFace::Mean);
+fn visibility_agrees_with_an_independent_implementation_and_is_received_within_half_a_fifteenth() {
+    let sent = covered_packet();
+    assert_eq!(hex(&sent.encode()), COVERED);
+    let received = Packet::decode(&sent.encode()).unwrap();
+    for ((name, got), want) in received.visibility.parts().zip(sent.visibility.values()) {
+        assert!((got - want).abs() <= 0.501 / 15.0, "{name}: {got} for {want}");
+    }
+    assert_eq!(received.neutral_face, NeutralFace::Estimated);
+    assert_eq!(received.encode(), sent.encode());
+}
+
+#[test]
+fn while_a_part_is_covered_coefficients_0_and_1_stay_exact_and_the_others_lose_less_than_a_4000th() {
+    for (value, most) in [(0.0, 0.0), (1.0, 0.0), (0.3, 1.0 / 4000.0), (0.9999, 1.0 / 4000.0)] {
+        let sent = Packet { coefficients: [value; 52], ..covered_packet() };
+        let received = Packet::decode(&sent.encode()).unwrap();
+        assert!(received.coefficients.iter().all(|got| (got - value).abs() <= most), "{value}: {received:?}");
+    }
+}
+
+/// They know neither visibility nor the value 3 of the neutral face, which they read as the mean.
+#[test]
+fn earlier_receivers_read_the_coefficients_of_a_covered_face() {
+    let bytes = covered_packet().encode();
+    let earlier = Packet::decode(&with_flags(bytes, bytes[3] & !0b1100)).unwrap();
+    let want = covered_packet();
+    assert!(earlier.coefficients.iter().zip(want.coefficients).all(|(got, want)| (got - want).abs() <= 1.0 / 4000.0));
+    assert_eq!((earlier.state, earlier.reason), (want.state, want.reason));
+}
+
+#[test]
+fn a_face_that_is_wholly_in_view_is_sent_as_before_there_was_visibility() {
+    let visibility = Visibility::from_values([0.97; 6]);
+    assert_eq!(hex(&Packet { visibility, ..golden_packet() }.encode()), GOLDEN);
+}
+
+#[test]
+fn visibility_names_each_part_once_and_a_part_counts_as_covered_below_half() {
+    let visibility = Visibility { left_eye: 0.49, mouth: 0.0, brows: 0.5, ..Visibility::WHOLE };
+    assert_eq!(Visibility::NAMES, ["left_eye", "right_eye", "brows", "mouth", "cheeks", "face"]);
+    assert_eq!(visibility.values(), [0.49, 1.0, 0.5, 0.0, 1.0, 1.0]);
+    assert!(visibility.covered().eq(["left_eye", "mouth"]));
+    assert!(visibility.mirrored().covered().eq(["right_eye", "mouth"]));
 }
 
 #[test]

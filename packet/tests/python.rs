@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use facewire_packet::{BLENDSHAPES, Face, NeutralFace, Packet, Reason, Receiver, State};
+use facewire_packet::{BLENDSHAPES, Face, NeutralFace, Packet, Reason, Receiver, State, Visibility};
 use random::Random;
 
 /// Prints every field of a packet, which is given as a JSON list of its bytes, one field a line.
@@ -19,6 +19,8 @@ import facewire_packet as d
 p = d.decode(bytes(json.loads(sys.argv[1])))
 for key in ('state', 'reason', 'neutral_face', 'sequence', 'age_ms', 'capture_us'):
     print(p[key])
+for part, value in p['visibility'].items():
+    print(part, round(15 * value))
 for value in (*p['rotation'], *p['position_mm'], *p['coefficients'], *d.NAMES):
     print(value)
 ";
@@ -62,16 +64,23 @@ fn python_reads_every_field_that_rust_wrote() {
         position_mm: [-1.0, 2.0, -30000.0],
         ..Packet::NEUTRAL
     };
-    packet.coefficients[17] = 1.0;
-    let output = decode_with_python(&packet.encode());
-    let text = String::from_utf8(output.stdout).unwrap();
-    let mut want =
-        "decay\nbad result\ncalibrated\n65535\n123.4\n4275878552\n0.0\n-1.0\n1.0\n0.0\n-1\n2\n-30000\n".to_owned();
-    for index in 0..BLENDSHAPES.len() {
-        want.push_str(if index == 17 { "1.0\n" } else { "0.0\n" });
+    packet.coefficients[3] = 1.0;
+    let covered = Visibility { left_eye: 0.0, brows: 0.4, ..Visibility::WHOLE };
+    for visibility in [Visibility::WHOLE, covered] {
+        packet.visibility = visibility;
+        let output = decode_with_python(&packet.encode());
+        let text = String::from_utf8(output.stdout).unwrap();
+        let mut want = "decay\nbad result\ncalibrated\n65535\n123.4\n4275878552\n".to_owned();
+        for (part, value) in visibility.parts() {
+            writeln!(want, "{part} {}", 15.0 * value).unwrap();
+        }
+        want.push_str("0.0\n-1.0\n1.0\n0.0\n-1\n2\n-30000\n");
+        for index in 0..BLENDSHAPES.len() {
+            want.push_str(if index == 3 { "1.0\n" } else { "0.0\n" });
+        }
+        want.extend(BLENDSHAPES.iter().flat_map(|name| [name, "\n"]));
+        assert_eq!(text, want, "{}", String::from_utf8_lossy(&output.stderr));
     }
-    want.extend(BLENDSHAPES.iter().flat_map(|name| [name, "\n"]));
-    assert_eq!(text, want, "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use facewire_packet::formats::dmx::{ADDRESSES, Universe};
-use facewire_packet::formats::vrchat::Form;
+use facewire_packet::formats::vrchat::{Eyes, Form};
 use facewire_packet::formats::{Dmx, LiveLink, Vmc, Vrchat};
 use facewire_packet::{BLENDSHAPES, Packet, State};
 use serde_json::{Value, json};
@@ -83,7 +83,7 @@ fn python_osc_reads_the_bundles_of_vmc_and_vrchat() {
     assert_eq!(arguments(&vmc, "/VMC/Ext/OK", None), [1, 3, 0, 1]);
     assert_eq!(vmc.last().unwrap()[0], "/VMC/Ext/Blend/Apply");
     assert_eq!(vmc.iter().filter(|message| message[0] == "/VMC/Ext/Blend/Val").count(), 52);
-    let mut format = Vrchat::new("FT/", false, |_| Form { number: true, bits: 2 });
+    let mut format = Vrchat::new("FT/", Eyes::Parameters, |_| Form { number: true, bits: 2 });
     let vrchat = messages(|send| format.encode(&packet, Duration::ZERO, send)).unwrap();
     assert_eq!(arguments(&vrchat, "/avatar/parameters/FT/v2/JawOpen", None), [0.5]);
     assert_eq!(arguments(&vrchat, "/avatar/parameters/FT/v2/JawOpen2", None), [true]);

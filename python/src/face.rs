@@ -1,4 +1,4 @@
-use facewire_library::{BLENDSHAPES, NeutralFace};
+use facewire_library::{BLENDSHAPES, NeutralFace, Visibility};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray as _, PyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::IntoPyObjectExt as _;
@@ -39,6 +39,10 @@ fn read_only<D: numpy::ndarray::Dimension>(array: Bound<'_, PyArray<f32, D>>) ->
 
 /// Makes the face again that was pickled.
 #[pyfunction]
+#[pyo3(signature = (
+    id, landmarks, coefficients, rotation_xyzw, position_mm, gaze_yaw_pitch_vergence_deg, neutral, score,
+    visibility = Visibility::WHOLE.values(),
+))]
 #[expect(clippy::too_many_arguments, reason = "a face has as many values")]
 pub fn _face(
     py: Python<'_>,
@@ -50,6 +54,7 @@ pub fn _face(
     gaze_yaw_pitch_vergence_deg: [f32; 3],
     neutral: &str,
     score: f32,
+    visibility: [f32; 6],
 ) -> PyResult<Face> {
     let damaged = || PyValueError::new_err("the pickled face is damaged");
     let points: Vec<f32> = landmarks.as_array().iter().copied().collect();
@@ -66,6 +71,7 @@ pub fn _face(
     found.gaze.vergence_deg = vergence_deg;
     found.neutral = neutral.ok_or_else(damaged)?;
     found.score = score;
+    found.visibility = Visibility::from_values(visibility);
     Face::new(py, found)
 }
 
@@ -137,6 +143,17 @@ impl Face {
     #[getter]
     fn neutral(&self) -> &'static str {
         self.found.neutral.name()
+    }
+
+    /// How much of each part of the face is in view, from 0 (covered) to 1: a dictionary with the keys "left_eye", "right_eye",
+    /// "brows", "mouth", "cheeks" and "face". The coefficients of what is covered are a guess.
+    #[getter]
+    fn visibility<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dictionary = PyDict::new(py);
+        for (part, value) in self.found.visibility.parts() {
+            dictionary.set_item(part, value)?;
+        }
+        Ok(dictionary)
     }
 
     /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
@@ -211,6 +228,7 @@ impl Face {
             (yaw, pitch, found.gaze.vergence_deg),
             self.neutral(),
             found.score,
+            found.visibility.values(),
         );
         Ok((py.import("facewire._facewire")?.getattr("_face")?, values.into_pyobject(py)?))
     }

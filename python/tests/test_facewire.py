@@ -164,7 +164,7 @@ class Results(unittest.TestCase):
         process.join()
         for same in copies:
             self.assertEqual((same, hash(same), repr(same)), (face, hash(face), repr(face)))
-            for name in ("id", "blendshapes", "yaw_pitch_roll_deg", "rotation_xyzw", "position_mm", "gaze_yaw_pitch_deg", "neutral", "score"):
+            for name in ("id", "blendshapes", "yaw_pitch_roll_deg", "rotation_xyzw", "position_mm", "gaze_yaw_pitch_deg", "neutral", "visibility", "score"):
                 self.assertEqual(getattr(same, name), getattr(face, name), name)
             self.assertEqual(same.landmarks.tobytes(), face.landmarks.tobytes())
             self.assertFalse(same.landmarks.flags.writeable)

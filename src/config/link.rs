@@ -4,7 +4,7 @@ use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
 use facewire_board::Attached;
-use facewire_face::Adjustments;
+use facewire_face::{Adjustments, Wears};
 use facewire_packet::formats::dmx::{USUAL_HZ, group};
 use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
 use facewire_servo::bus::{FAMILIES, Family, Unit};
@@ -107,6 +107,7 @@ link_kinds! {
         head: bool = true, flag();
         native_eyes: bool = false, flag();
         parameters: Parameters = Parameters::default(), parameters();
+        .. wears: Wears;
     }
 
     Maestro = "maestro", MaestroSettings {
@@ -270,6 +271,13 @@ impl LinkKind {
                 address.clone().or_else(|| Address::new(&group(*universe as u16).to_string()))
             }
             _ => None,
+        }
+    }
+
+    /// Tells the link what the wearer has on the face. A headset sends the eyes to VRChat itself.
+    pub(super) fn set_wears(&mut self, wears: Wears) {
+        if let Self::Vrchat(it) = self {
+            it.wears = wears;
         }
     }
 

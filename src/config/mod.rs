@@ -153,6 +153,8 @@ fn lay(
         board.lay(&document, &mut settings, &mut faults);
     }
     file.lay(&document, &mut settings, &mut faults);
+    let wears = settings.wearer.wears;
+    settings.links.iter_mut().for_each(|link| link.kind.set_wears(wears));
     check(&settings, &mut faults);
     check_more(&settings, &mut faults);
     if faults.iter().next().is_none() { Ok(settings) } else { Err(faults) }

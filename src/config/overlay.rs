@@ -107,21 +107,26 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T
 }
 
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
+/// What follows as `.. field: Type;` has no key: it follows from other settings once all are read.
 /// Makes the struct of each table, its defaults, the reader of its keys, and the comparison of two.
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
-        $name:ident { $( $field:ident $($key:literal)?: $type:ty = $default:expr, $read:expr; )* }
+        $name:ident {
+            $( $field:ident $($key:literal)?: $type:ty = $default:expr, $read:expr; )*
+            $( .. $derived:ident: $derived_type:ty; )*
+        }
     )*) => { $(
         $(#[doc = $doc])*
         #[derive(Debug, Clone, PartialEq)]
         pub struct $name {
             $( pub $field: $type, )*
+            $( pub $derived: $derived_type, )*
         }
 
         impl Default for $name {
             fn default() -> Self {
-                Self { $( $field: $default, )* }
+                Self { $( $field: $default, )* $( $derived: Default::default(), )* }
             }
         }
 

@@ -163,7 +163,7 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[failsafe]\nlive_ms = \"9\"", "failsafe.live_ms = \"9\": give a whole number from 20 to 5000 (ms)"),
         ("slew_per_s = nan", "failsafe.slew_per_s = nan: give a number from 0.1 to 100.0 (1/s)"),
         ("[adjust]\njawLeft = { min = 0.5, max = 0.4 }", "adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min"),
-        ("[wearer]\n\"line\\nend\" = 1", "wearer.line\\nend is not a setting; there are name, folder, neutral"),
+        ("[wearer]\n\"line\\nend\" = 1", "wearer.line\\nend is not a setting; there are name, folder, neutral, wears"),
         ("[[link]]\nadjust = { mirror = 3 }", "link.adjust.mirror = 3: give true or false"),
         ("device = \"tty\"", "link.device is not a setting of a link with kind = \"udp\"; that has kind, address, "),
         ("[[link]]\nkind = \"maestro\"\n[[link.channel]]\nspeed = 1", "link.channel.speed is not a setting; did"),

@@ -2,7 +2,8 @@
 
 use std::{sync::Arc, time::Instant};
 
-use facewire_packet::formats::vrchat::{self, Group, Parameter};
+use facewire_face::Wears;
+use facewire_packet::formats::vrchat::{self, Eyes, Group, Parameter};
 use facewire_packet::formats::{Dmx, IFacialMocap, JsonLines, LiveLink, Vmc, Vrchat};
 use facewire_packet::{Packet, Reason, State};
 use facewire_servo::maestro::COMMAND_BYTES;
@@ -36,7 +37,12 @@ pub fn encoder_of(kind: &LinkKind, dials: &Arc<Dials>) -> Encoder {
             Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
         LinkKind::Vrchat(it) => {
-            let mut format = Vrchat::new(&it.prefix, it.native_eyes, |parameter| form_of(parameter, it));
+            let eyes = match (it.wears, it.native_eyes) {
+                (Wears::Headset, _) => Eyes::Nowhere,
+                (_, true) => Eyes::Native,
+                (_, false) => Eyes::Parameters,
+            };
+            let mut format = Vrchat::new(&it.prefix, eyes, |parameter| form_of(parameter, it));
             Box::new(move |packet, _, send| format.encode(packet, begun.elapsed(), send))
         }
         LinkKind::Maestro(it) => {
@@ -102,9 +108,10 @@ pub fn packet(output: &Output, sequence: u16) -> Packet {
 
 #[cfg(test)]
 mod tests {
-    use facewire_packet::{FrameReader, NeutralFace, Pose};
+    use facewire_packet::{FrameReader, NeutralFace, Pose, Visibility};
 
     use super::*;
+    use crate::config;
     use crate::link::test_output;
     use crate::link::testing::kind;
 
@@ -120,6 +127,7 @@ mod tests {
         let position_mm = [1.0, -2.0, 600.0];
         let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
         pose.coefficients[17] = 1.0;
+        pose.visibility = Visibility { mouth: 0.0, ..Visibility::WHOLE };
         let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };
         let [udp, serial] = ["udp", "serial"].map(|name| encoded(&kind(name, ""), &output));
         let packet = Packet::decode(&udp).unwrap();
@@ -127,6 +135,7 @@ mod tests {
         assert_eq!((state, reason, sequence), (State::Hold, Reason::NoFace, 7));
         assert_eq!((age_us, capture_us, neutral_face), (200, 5, NeutralFace::Estimated));
         assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
+        assert_eq!(packet.visibility, pose.visibility);
         assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
         let mut reader = FrameReader::default();
         assert_eq!(serial.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
@@ -151,6 +160,19 @@ mod tests {
             let frame = u32::from_be_bytes(datagram[49..53].try_into().unwrap()).into();
             // The day may end meanwhile.
             assert!((before..=after).contains(&frame) || after < before, "{before} {frame} {after}");
+        }
+    }
+
+    #[test]
+    fn vrchat_gets_no_lids_and_no_gaze_from_a_wearer_of_a_headset() {
+        for (wears, count) in [("nothing", 2), ("mask", 2), ("headset", 0)] {
+            let link = "[[link]]\nkind = \"vrchat\"\nparameters = \"EyeLidLeft, EyeLeftX, JawOpen\"\n";
+            let settings = config::parse("test", &format!("[wearer]\nwears = \"{wears}\"\n{link}")).unwrap();
+            let sent = encoded(&settings.links[0].kind, &test_output(State::Live));
+            let sent = String::from_utf8_lossy(&sent);
+            let names = ["v2/EyeLidLeft", "v2/EyeLeftX"];
+            assert_eq!(names.iter().filter(|name| sent.contains(*name)).count(), count, "{wears}");
+            assert!(sent.contains("v2/JawOpen"), "{wears}");
         }
     }
 

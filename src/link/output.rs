@@ -96,9 +96,10 @@ impl Shown {
     pub fn adjusted(settings: &LinkSettings, output: &Output) -> Output {
         let mut shown = output.clone();
         let adjust = &settings.adjust;
-        let Pose { rotation, position_mm, coefficients, .. } = &mut shown.pose;
+        let Pose { rotation, position_mm, coefficients, visibility, .. } = &mut shown.pose;
         adjust.apply(coefficients);
         if adjust.mirror {
+            *visibility = visibility.mirrored();
             (*rotation, *position_mm) = mirror_image(*rotation, *position_mm);
         }
         shown
@@ -146,12 +147,13 @@ fn interval_us(loss: Loss, kind: PaceKind, period_us: u64, last: &Output, output
     }
 }
 
-/// Whether a receiver would show the difference between two poses.
+/// Whether a receiver would show the difference between two poses, such as that a part of the face is covered now.
 fn differs_visibly(one: &Pose, other: &Pose) -> bool {
     let moves = |from: &[f32], to: &[f32], step| from.iter().zip(to).any(|(from, to)| (from - to).abs() >= step);
     moves(&one.coefficients, &other.coefficients, COEFFICIENT_STEP)
         || moves(&one.rotation, &other.rotation, ROTATION_STEP)
         || moves(&one.position_mm, &other.position_mm, POSITION_STEP_MM)
+        || !one.visibility.covered().eq(other.visibility.covered())
 }
 
 /// Moves a pose the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head likewise.
@@ -200,6 +202,7 @@ mod tests {
         output.pose.position_mm = [30.0, 20.0, 600.0];
         output.pose.coefficients[JAW_OPEN] = jaw_open;
         output.pose.coefficients[0] = 1.0;
+        output.pose.visibility.left_eye = 0.0;
         output
     }
 
@@ -219,8 +222,9 @@ mod tests {
         for (state, jaw_open, want) in [(State::Live, 0.3, 0.6), (State::Live, 0.9, 0.7), (State::Neutral, 0.0, 0.1)] {
             let output = output(state, jaw_open);
             assert_eq!(Shown::default().next(&plain, 4.0, 0, &output), output, "to the last bit");
-            let Pose { rotation, position_mm: [x_mm, ..], coefficients, .. } =
+            let Pose { rotation, position_mm: [x_mm, ..], coefficients, visibility, .. } =
                 Shown::default().next(&adjusted, 4.0, 0, &output).pose;
+            assert!(visibility.covered().eq(["right_eye"]));
             assert_eq!([JAW_OPEN, 0, EYE_BLINK_RIGHT].map(|place| coefficients[place]), [want, 0.0, 1.0]);
             assert_eq!((rotation, x_mm), ([0.1, -0.2, -0.3, 0.9], -30.0));
         }
@@ -367,6 +371,14 @@ mod tests {
             }
             assert_eq!(link.sent_ms.len(), count);
         }
+        let mut link = Link::new(PaceKind::Change, Loss::Neutral, 50);
+        let in_view = output(State::Live, 0.5);
+        let mut covered = in_view.clone();
+        covered.pose.visibility.mouth = 0.4;
+        for (now_ms, output) in [(0, &in_view), (20, &in_view), (40, &covered), (60, &covered)] {
+            link.offer(now_ms, output);
+        }
+        assert_eq!(link.sent_ms, [0, 40], "the mouth is covered now");
         let mut link = Link::new(PaceKind::Change, Loss::Neutral, 50);
         for (now_ms, state) in [(0, State::Live), (10, State::Hold), (20, State::Hold), (21, State::Hold)] {
             link.offer(now_ms, &output(state, 0.5));

@@ -5,7 +5,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use facewire_packet::{NeutralFace, State};
+use facewire_packet::{NeutralFace, State, Visibility};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
@@ -82,6 +82,8 @@ pub(super) struct Counters {
     /// The bits of an `f32`: the share of the estimated face in the neutral one, which is 0 with a calibrated one.
     neutral_share: AtomicU32,
     neutral_forgotten: AtomicU64,
+    /// The bits of `f32`s: how much of each part of the face is hidden, so that all is in view at the start.
+    hidden: [AtomicU32; Visibility::NAMES.len()],
     /// The bits of an `f32`: the mesh network's score of the face in the last frame, 0 without a face.
     face_score: AtomicU32,
     /// The turn that shows the face upright and is not that of the settings, as an index into [`Rotation::ALL`] plus 1.
@@ -141,8 +143,16 @@ fn indicator(text: &str, is_set: bool) -> Values {
 /// Makes a sample for each name: 1 if `holds` is true for its index, else 0. The status line lists the names with 1.
 fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(usize) -> bool) -> Values {
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
-    let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();
-    (format!("{key}={}", if held.is_empty() { "none".to_owned() } else { held.join(",") }), samples)
+    (listed(key, samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name)), samples)
+}
+
+fn hundredths(value: f32) -> f64 {
+    (f64::from(value) * 100.0).round() / 100.0
+}
+
+fn listed(key: &str, names: impl Iterator<Item = &'static str>) -> String {
+    let names: Vec<_> = names.collect();
+    format!("{key}={}", if names.is_empty() { "none".to_owned() } else { names.join(",") })
 }
 
 impl Counters {
@@ -192,6 +202,16 @@ impl Counters {
         self.neutral_forgotten.store(forgotten, Relaxed);
     }
 
+    pub(super) fn set_visibility(&self, visibility: Visibility) {
+        for (hidden, value) in self.hidden.iter().zip(visibility.values()) {
+            hidden.store((1.0 - value).to_bits(), Relaxed);
+        }
+    }
+
+    fn visibility(&self) -> Visibility {
+        Visibility::from_values(self.hidden.each_ref().map(|hidden| 1.0 - f32::from_bits(hidden.load(Relaxed))))
+    }
+
     pub(super) fn set_face_score(&self, score: f32) {
         self.face_score.store(score.to_bits(), Relaxed);
     }
@@ -231,6 +251,8 @@ impl Counters {
         let is_small = self.small_picture.load(Relaxed);
         let face_score = f32::from_bits(self.face_score.load(Relaxed));
         let proposed_rotation = self.proposed_rotation.load(Relaxed);
+        let visibility = self.visibility();
+        let in_view = visibility.parts().map(|(part, value)| (part, hundredths(value))).collect();
         let share = f32::from_bits(self.neutral_share.load(Relaxed));
         let Traffic { packets, sent, dropped, .. } = &*self.traffic;
         rows! {
@@ -274,6 +296,8 @@ impl Counters {
                 = (format!("neutral_share={share:.2}"), vec![("", share.into())]);
             counter "neutral_forgotten" "" "How often the estimated neutral face was forgotten because another person sat down."
                 = count("neutral_forgotten", &self.neutral_forgotten);
+            gauge "visibility" "part" "How much of each part of the face is in view, from 0 (covered) to 1; 1 without a face."
+                = (listed("covered", visibility.covered()), in_view);
             gauge "face_score" "" "How surely the mesh network sees a face: log-odds, about 25 for one in view; 0 without a face."
                 = (format!("face_score={face_score:.1}"), vec![("", face_score.into())]);
             gauge "proposed_rotation" "degrees" "1 for the camera.rotation that shows the face upright, if it is not set."

@@ -9,7 +9,7 @@ use std::sync::{Arc, mpsc};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
-use facewire_packet::Reason;
+use facewire_packet::{Reason, Visibility};
 use triple_buffer::Input;
 
 use super::adaptation::Load;
@@ -201,6 +201,7 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(OPEN_PATIENCE_US);
         self.counters.camera_open.store(false, Relaxed);
+        self.counters.set_visibility(Visibility::WHOLE);
         // A closed camera impairs nothing.
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
@@ -287,7 +288,9 @@ impl HotLoop {
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
         add(&counters.frames, 1);
-        let counter = match &processed.solved {
+        let solved = processed.solved.as_ref();
+        counters.set_visibility(solved.map_or(Visibility::WHOLE, |solution| solution.visibility));
+        let counter = match solved {
             Ok(solution) => {
                 let solver = processed.solver;
                 counters.set_neutral(solution.neutral_face, solver.neutral_share(), solver.neutral_forgotten());

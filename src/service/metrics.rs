@@ -136,7 +136,7 @@ mod tests {
     use std::sync::atomic::Ordering::Relaxed;
     use std::time::Duration;
 
-    use facewire_packet::{NeutralFace, State};
+    use facewire_packet::{NeutralFace, State, Visibility};
 
     use super::*;
     use crate::service::adaptation::{Cause, Step};
@@ -146,6 +146,7 @@ mod tests {
     fn the_status_line_and_the_page_show_every_count_under_its_name() {
         let counters = Counters::default();
         assert!(counters.status_line().contains(" state=neutral impaired_by=none step=full step_by=none "));
+        assert!(counters.status_line().contains(" covered=none "));
         counters.frames.store(10, Relaxed);
         counters.solved.store(7, Relaxed);
         counters.traffic.dropped.store(2, Relaxed);
@@ -154,6 +155,7 @@ mod tests {
         counters.set_step(Step::Half, Some(Cause::Hot));
         counters.set_state(State::Decay);
         counters.set_neutral(NeutralFace::Estimated, 0.733, 2);
+        counters.set_visibility(Visibility { left_eye: 0.3, mouth: 0.49, face: 0.5, ..Visibility::WHOLE });
         counters.times.mesh.record(Duration::from_micros(20));
         counters.times.age.record(Duration::from_millis(8));
         let line = counters.status_line();
@@ -161,7 +163,8 @@ mod tests {
         let want = "frames=10 faces=7 no_face=0 rejected=0 engine_failures=0 skipped=0 left_out=0 mistimed=0 deadline_misses=0 \
                     damaged=0 cameras_opened=0 packets=0 sent=0 dropped=2 links_open=0 state=decay impaired_by=hot \
                     step=half step_by=hot step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
-                    neutral_forgotten=2 face_score=0.0 proposed_rotation=none wait_ms=0.000/0.000/0.000 ";
+                    neutral_forgotten=2 covered=left_eye,mouth face_score=0.0 proposed_rotation=none \
+                    wait_ms=0.000/0.000/0.000 ";
         assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
         for line in [
             "# TYPE facewire_frames counter",
@@ -169,6 +172,9 @@ mod tests {
             "facewire_link_packets_total{result=\"dropped\"} 2",
             "facewire_impairments_total{by=\"hot\"} 2",
             "facewire_step{step=\"half\"} 1",
+            "facewire_visibility{part=\"left_eye\"} 0.3",
+            "facewire_visibility{part=\"brows\"} 1",
+            "facewire_visibility{part=\"mouth\"} 0.49",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",
             "facewire_stage_seconds_sum{stage=\"mesh\"} 0.00002",

@@ -2,7 +2,8 @@
 
 use facewire_packet::{BLENDSHAPE_COUNT, BLENDSHAPES};
 
-/// A row of the CSV. The values are the coefficients, then yaw, pitch and roll in degrees, then x, y and z in millimetres.
+/// A row of the CSV. The values are the coefficients, then yaw, pitch and roll in degrees, then x, y and z in
+/// millimetres, then the visibility of each part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     pub frame: u64,

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State, yaw_pitch_roll_deg};
+use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State, Visibility, yaw_pitch_roll_deg};
 use serde::{Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -176,6 +176,8 @@ struct Json<'a> {
     state: &'static str,
     reason: &'static str,
     neutral_face: &'static str,
+    #[serde(serialize_with = "with_parts")]
+    visibility: Visibility,
     sequence: u16,
     lost_before: u16,
     age_ms: f64,
@@ -192,6 +194,10 @@ fn with_names<S: Serializer>(values: &[f32; BLENDSHAPES.len()], serializer: S) -
     serializer.collect_map(BLENDSHAPES.iter().zip(values.map(|value| rounded(value, 1e5))))
 }
 
+fn with_parts<S: Serializer>(visibility: &Visibility, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(visibility.parts().map(|(part, value)| (part, rounded(value, 1e2))))
+}
+
 /// Returns the newest packet as a line of JSON.
 fn json(tally: &Tally) -> String {
     let Some(Newest { packet, from, lost_before, .. }) = &tally.packets.newest else { return String::new() };
@@ -202,6 +208,7 @@ fn json(tally: &Tally) -> String {
         state: packet.state.name(),
         reason: packet.reason.name(),
         neutral_face: packet.neutral_face.name(),
+        visibility: packet.visibility,
         sequence: packet.sequence,
         lost_before: *lost_before,
         age_ms: f64::from(packet.age_us) / 1000.0,
@@ -221,11 +228,14 @@ fn rounded(value: f32, steps: f64) -> f64 {
     (f64::from(value) * steps).round() / steps + 0.0
 }
 
+/// Describes the state, and names the parts of the face that are covered.
 fn state(packet: &Packet) -> String {
-    match packet.reason {
+    let state = match packet.reason {
         Reason::None => packet.state.name().to_owned(),
         reason => format!("{}: {}", packet.state.name(), reason.name()),
-    }
+    };
+    let covered: Vec<_> = packet.visibility.covered().collect();
+    if covered.is_empty() { state } else { format!("{state}  covered: {}", covered.join(", ")) }
 }
 
 fn line(listen: &str, tally: &Tally, now: Instant) -> String {
@@ -265,11 +275,16 @@ mod tests {
     #[test]
     fn json_names_every_coefficient_in_the_order_of_the_packet() {
         let mut tally = Tally::default();
-        let packet = Packet { state: State::Hold, reason: Reason::Late, coefficients: [0.25; 52], ..Packet::NEUTRAL };
+        let visibility = Visibility { mouth: 0.4, ..Visibility::WHOLE };
+        let held = Packet { state: State::Hold, reason: Reason::Late, ..Packet::NEUTRAL };
+        let packet = Packet { visibility, coefficients: [0.25; 52], ..held };
+        assert_eq!(state(&packet), "hold: late  covered: mouth");
         tally.count(&packet, "127.0.0.1:7".to_owned(), Instant::now());
         let text = json(&tally);
-        let begin = r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","neutral_face":"mean","sequence":0,"#;
-        assert!(text.starts_with(begin), "{text}");
+        let begin = r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","neutral_face":"mean","#;
+        let visibility =
+            r#""visibility":{"left_eye":1.0,"right_eye":1.0,"brows":1.0,"mouth":0.4,"cheeks":1.0,"face":1.0},"#;
+        assert!(text.starts_with(&format!("{begin}{visibility}\"sequence\":0,")), "{text}");
         assert!(text.ends_with("\"noseSneerRight\":0.25,\"tongueOut\":0.25}}\n"), "{text}");
         assert_eq!(text.matches(":0.25").count(), 52);
     }

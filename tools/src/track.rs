@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use facewire_packet::{BLENDSHAPES, yaw_pitch_roll_deg};
+use facewire_packet::{BLENDSHAPES, Visibility, yaw_pitch_roll_deg};
 use npyz::WriterBuilder as _;
 
 use crate::input::{self, Input};
@@ -177,6 +177,7 @@ struct Track<'a> {
 impl Track<'_> {
     fn all(&mut self) -> Result<(), Failure> {
         let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
+        let columns = columns.map(str::to_owned).chain(Visibility::NAMES.map(|part| format!("visibility_{part}")));
         self.write(&columns.collect::<Vec<_>>().join(","))?;
         if let Some(NeutralSource::Frames(range)) = &self.args.neutral {
             self.learn_neutral(range)?;
@@ -265,7 +266,9 @@ impl Track<'_> {
         let angles_deg = yaw_pitch_roll_deg(pose.rotation);
         // Adding 0 turns -0 into 0.
         let number = |number: &f32| format!(",{:.6}", number + 0.0);
-        let numbers = pose.coefficients.iter().chain(&angles_deg).chain(&pose.position_mm).map(number);
+        let numbers = pose.coefficients.iter().chain(&angles_deg).chain(&pose.position_mm);
+        let visibility = pose.visibility.values();
+        let numbers = numbers.chain(&visibility).map(number);
         let row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
         self.write_row(face.number, face.time_us, &row)?;
         Ok(row)

@@ -203,6 +203,7 @@ fn frame(packet: &Packet, face: &Face) -> Value {
     let [yaw, pitch, roll] = yaw_pitch_roll_deg(face.rotation).map(rounded);
     json!({
         "sequence": packet.sequence, "state": packet.state.name(), "reason": packet.reason.name(),
+        "visibility": packet.visibility.parts().map(|(part, value)| (part, rounded(value))).collect::<BTreeMap<_, _>>(),
         "head": {
             "rotation": face.rotation.map(rounded), "position_mm": packet.position_mm, "yaw_deg": yaw,
             "pitch_deg": pitch, "roll_deg": roll,

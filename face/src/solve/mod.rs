@@ -38,7 +38,7 @@ pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;
 pub use pose::{Camera, HeadPose, mirror_image};
 pub use smoothing::{Filters, FiltersState, Group};
-pub use solver::{Profile, Shaping, Solution, SolveError, Solver};
+pub use solver::{Profile, Shaping, Solution, SolveError, Solver, Wears};
 
 /// One number for each blendshape, in the order of [`BLENDSHAPES`]. Results of the regression are finite; after the
 /// correction they are within `0..=1`.

@@ -2,7 +2,7 @@
 //!
 //! Each part of a running solver can be replaced while the others, and the history of the filters, keep their values.
 
-use facewire_packet::{NeutralFace, Pose};
+use facewire_packet::{NeutralFace, Pose, Visibility};
 use thiserror::Error;
 
 use super::{
@@ -30,12 +30,15 @@ pub struct Solution {
     pub head: HeadPose,
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
+    /// How much of each part of the face is in view. Left and right are those of the coefficients.
+    pub visibility: Visibility,
 }
 
 impl From<&Solution> for Pose {
-    fn from(Solution { smoothed, head, neutral_face, .. }: &Solution) -> Self {
-        let HeadPose { rotation_xyzw: rotation, position_mm } = *head;
-        Self { rotation, position_mm, coefficients: smoothed.0, neutral_face: *neutral_face }
+    fn from(solution: &Solution) -> Self {
+        let Solution { smoothed, head, neutral_face, visibility, .. } = *solution;
+        let HeadPose { rotation_xyzw: rotation, position_mm } = head;
+        Self { rotation, position_mm, coefficients: smoothed.0, neutral_face, visibility }
     }
 }
 
@@ -68,6 +71,18 @@ pub struct Solver {
     /// What is done about the neutral face while the profile has none.
     pub neutral_mode: NeutralMode,
     history: History,
+}
+
+/// What the wearer has on the face.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wears {
+    /// Nothing that covers a part of it for long.
+    #[default]
+    Nothing,
+    /// A headset over eyes and brows.
+    Headset,
+    /// A mask over mouth and nose.
+    Mask,
 }
 
 /// What is known of the wearer. The default is a wearer of whom nothing is known.
@@ -159,12 +174,14 @@ impl Solver {
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
         adjustments.apply(&mut smoothed.0);
+        let mut visibility = Visibility::WHOLE;
         if adjustments.mirror {
+            visibility = visibility.mirrored();
             (head.rotation_xyzw, head.position_mm) = mirror_image(head.rotation_xyzw, head.position_mm);
         }
         history.crossfade.step(&mut smoothed, &mut head, step_s);
         adjustments.limit(&mut smoothed.0);
-        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
+        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face, visibility })
     }
 
     /// Replaces the profile. The output does not jump.

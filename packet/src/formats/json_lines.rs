@@ -62,6 +62,8 @@ impl JsonLines {
         object.serialize_entry("state", packet.state.name())?;
         object.serialize_entry("reason", packet.reason.name())?;
         object.serialize_entry("neutral_face", packet.neutral_face.name())?;
+        let visibility = packet.visibility.parts().map(|(part, value)| (part, rounded(value, 1e2)));
+        object.serialize_entry("visibility", &Object(visibility))?;
         object.serialize_entry("age_ms", &age_us.map(|age_us| age_us as f64 / 1000.0))?;
         object.serialize_entry("capture_us", &capture_us)?;
         object.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
@@ -95,13 +97,14 @@ mod tests {
 
     use super::super::testing::{LEFT, face, sent};
     use super::*;
-    use crate::{Reason, State};
+    use crate::{Reason, State, Visibility};
 
     #[test]
     fn a_line_names_everything_and_counts_on_and_the_age_is_null_before_the_first_pose() {
         let look = [("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)];
         let (state, reason, position_mm) = (State::Hold, Reason::NoFace, [10.04, -20.0, 600.0]);
-        let packet = Packet { state, reason, rotation: LEFT, position_mm, ..face(&look) };
+        let visibility = Visibility { right_eye: 0.333, ..Visibility::WHOLE };
+        let packet = Packet { state, reason, visibility, rotation: LEFT, position_mm, ..face(&look) };
         let mut format = JsonLines::default();
         let mut line =
             |packet: &Packet, age_us, capture_us| sent(|send| format.encode(packet, age_us, capture_us, send)).concat();
@@ -110,6 +113,9 @@ mod tests {
         assert_eq!((coefficients.as_object().unwrap().len(), &coefficients["jawOpen"]), (52, &json!(0.1235)));
         let want = json!({
             "sequence": 0, "state": "hold", "reason": "no face", "neutral_face": "mean", "age_ms": 23.4,
+            "visibility": {
+                "left_eye": 1.0, "right_eye": 0.33, "brows": 1.0, "mouth": 1.0, "cheeks": 1.0, "face": 1.0,
+            },
             "capture_us": 5_000_000, "coefficients": null,
             "head": {
                 "yaw_deg": 30.0, "pitch_deg": 0.0, "roll_deg": 0.0,

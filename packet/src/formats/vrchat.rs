@@ -18,8 +18,9 @@ const REFRESH: Duration = Duration::from_secs(1);
 const STEP: f32 = 0.004;
 /// Smallest change of an eye's angle that is sent, degrees.
 const STEP_DEG: f32 = 45.0 * STEP;
+const EYE_STATUS: &str = "EyeTrackingActive";
 /// The status of the tracking. These names have no prefix.
-const STATUS: [&str; 3] = ["EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive"];
+const STATUS: [&str; 3] = [EYE_STATUS, "ExpressionTrackingActive", "LipTrackingActive"];
 const FULL: f32 = 0.99999;
 
 /// How a parameter is sent. The default is not at all.
@@ -31,6 +32,17 @@ pub struct Form {
     pub bits: u32,
 }
 
+/// Where lids and gaze go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Eyes {
+    /// Nowhere: another program sends the eyes that a headset tracks.
+    Nowhere,
+    /// To the parameters of the avatar.
+    Parameters,
+    /// To VRChat's own addresses, too.
+    Native,
+}
+
 /// Writes the messages that have changed.
 pub struct Vrchat {
     entries: Vec<Entry>,
@@ -40,18 +52,19 @@ pub struct Vrchat {
 }
 
 impl Vrchat {
-    /// Makes the format. `prefix` stands before the name of each parameter, and `form_of` says how each is sent.
-    /// `has_native_eyes` adds VRChat's own addresses for eyes.
-    pub fn new(prefix: &str, has_native_eyes: bool, form_of: impl Fn(&Parameter) -> Form) -> Self {
+    /// Makes the format. `prefix` stands before the name of each parameter, and `form_of` says how each is sent,
+    /// except those of eyes that go nowhere.
+    pub fn new(prefix: &str, eyes: Eyes, form_of: impl Fn(&Parameter) -> Form) -> Self {
         let mut entries = Vec::new();
-        for name in STATUS {
+        let is_sent = |is_of_eyes: bool| eyes != Eyes::Nowhere || !is_of_eyes;
+        for name in STATUS.into_iter().filter(|name| is_sent(*name == EYE_STATUS)) {
             let address = format!("/avatar/parameters/{name}");
             entries.push(Entry::truth(&address, |face| face.is_tracked));
         }
-        for parameter in PARAMETERS.iter() {
+        for parameter in PARAMETERS.iter().filter(|parameter| is_sent(parameter.is_of_eyes())) {
             add(&mut entries, parameter, prefix, form_of(parameter));
         }
-        if has_native_eyes {
+        if eyes == Eyes::Native {
             entries.push(Entry::new("/tracking/eye/EyesClosedAmount", "f", |face| [face.eyes_closed(), 0.0, 0.0, 0.0]));
             entries.push(Entry::new("/tracking/eye/LeftRightPitchYaw", "ffff", Face::eye_angles_deg));
         }
@@ -199,7 +212,7 @@ mod tests {
 
     /// Returns what a new format sends first.
     fn first(prefix: &str, form_of: impl Fn(&Parameter) -> Form, packet: &Packet) -> Messages {
-        messages(&mut Vrchat::new(prefix, false, form_of), 0, packet)
+        messages(&mut Vrchat::new(prefix, Eyes::Parameters, form_of), 0, packet)
     }
 
     #[test]
@@ -255,8 +268,23 @@ mod tests {
     }
 
     #[test]
+    fn eyes_that_a_headset_tracks_are_not_sent_and_nothing_else_is_missing() {
+        let sent = |eyes| messages(&mut Vrchat::new("FT/", eyes, |_| Form { number: true, bits: 2 }), 0, &face(&[]));
+        let (native, nowhere) = (sent(Eyes::Native), sent(Eyes::Nowhere));
+        let missing: Vec<&str> =
+            native.keys().filter(|name| !nowhere.contains_key(*name)).map(String::as_str).collect();
+        let is_of_eyes = |name: &&str| {
+            let begins = ["parameters/EyeTracking", "parameters/FT/v2/Eye"].map(|begin| format!("/avatar/{begin}"));
+            name.starts_with("/tracking/eye/") || begins.iter().any(|begin| name.starts_with(begin.as_str()))
+        };
+        assert_eq!(missing, native.keys().map(String::as_str).filter(is_of_eyes).collect::<Vec<_>>());
+        // Lids and gaze as a number and three truth values each, the status, and two native addresses.
+        assert_eq!(missing.len(), 4 * 22 + 1 + 2, "{missing:?}");
+    }
+
+    #[test]
     fn only_changes_are_sent_and_everything_once_a_second_and_the_status_is_false_without_a_face() {
-        let (mut format, all) = (Vrchat::new("", false, |_| NUMBERS), STATUS.len() + PARAMETERS.len());
+        let (mut format, all) = (Vrchat::new("", Eyes::Parameters, |_| NUMBERS), STATUS.len() + PARAMETERS.len());
         for (ms, state, jaw_open, count, status) in [
             (0, State::Live, 0.0, all, Some(true)),
             (16, State::Hold, 0.0, 0, None),

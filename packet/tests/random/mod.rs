@@ -1,7 +1,7 @@
 //! Random packets and times for the tests that compare two receivers.
 #![allow(dead_code, clippy::unwrap_used, clippy::indexing_slicing, reason = "each test uses some of it")]
 
-use facewire_packet::{LATE_MS, Packet, SILENCE_MS, State};
+use facewire_packet::{LATE_MS, Packet, SILENCE_MS, State, Visibility};
 
 /// Pseudo-random numbers (Marsaglia's xorshift).
 pub struct Random(pub u32);
@@ -34,6 +34,9 @@ impl Random {
         let mut packet = Packet { state: State::Live, sequence, ..Packet::NEUTRAL };
         packet.rotation = [(); 4].map(|()| self.below(65535) as f32 / 32767.0 - 1.0);
         packet.coefficients = [(); 52].map(|()| self.below(65536) as f32 / 65535.0);
+        if self.below(2) == 0 {
+            packet.visibility = Visibility::from_values([(); 6].map(|()| self.below(16) as f32 / 15.0));
+        }
         Packet::decode(&packet.encode()).unwrap()
     }
 }

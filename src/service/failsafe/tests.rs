@@ -144,6 +144,21 @@ fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms_after_
 }
 
 #[test]
+fn what_is_covered_is_said_of_a_live_and_a_held_face_and_of_no_face_on_its_way_to_neutral() {
+    let mouth = |value| facewire_packet::Visibility { mouth: value, ..Pose::NEUTRAL.visibility };
+    let mut run = Run::live(&Pose { visibility: mouth(0.2), ..all(1.0) });
+    for output in run.watch(1500) {
+        let is_shown = matches!(output.state, State::Live | State::Hold);
+        assert_eq!(output.pose.visibility, mouth(if is_shown { 0.2 } else { 1.0 }), "{:?}", output.state);
+    }
+    let back: Vec<_> = (0..6).map(|_| run.pose_after(FRAME_US, &Pose { visibility: mouth(0.3), ..all(1.0) })).collect();
+    assert!(
+        back.iter().all(|output| output.pose.visibility == mouth(if output.state == State::Live { 0.3 } else { 1.0 }))
+    );
+    assert_eq!(back[5].state, State::Live);
+}
+
+#[test]
 fn the_head_turns_back_at_a_bounded_rate_and_keeps_its_position() {
     for (degrees, most_deg_per_s, neutral_ms) in [(70.0, 110.0, 1000..1001), (179.0, 190.0, 1290..1300)] {
         let outputs = Run::live(&turned(degrees)).watch(2000);

@@ -100,6 +100,11 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// Whether it is about lids or gaze.
+    pub(super) fn is_of_eyes(&self) -> bool {
+        self.name.starts_with("Eye")
+    }
+
     /// The value of the parameter, from -1 to 1.
     pub(super) fn value(&self, face: &Face) -> f32 {
         let [left, right] = self.shares;

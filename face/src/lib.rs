@@ -37,5 +37,8 @@ pub mod stages {
         Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
         normalise,
     };
-    pub use crate::track::{Block, Border, CropShape, Detector, EYE_SIDE, Eyes, Mesh, PART_SIDE, Rows, bounds, crop};
+    pub use crate::track::{
+        Block, Border, CropShape, Detector, EYE_SIDE, Eyes, InView, Mesh, PART_SIDE, PartValues, Parts, Rows, Visible,
+        bounds, crop,
+    };
 }

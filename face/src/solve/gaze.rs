@@ -161,7 +161,7 @@ impl Offset {
 mod tests {
     use super::*;
     use crate::model::{Cases, EYE_SUMS, EYE_VALUES, FEATURES, FeatureId, GazeInput};
-    use crate::solve::{filter::FRAME_S, normalise};
+    use crate::solve::{filter::FRAME_S, normalise, view::Counts};
     use crate::testing::face;
 
     /// A map that turns the gaze by 100 degrees to the left and upwards for 1 of the left iris's x.
@@ -175,7 +175,7 @@ mod tests {
 
     /// Steps by a frame in which map and regression see the eyes turned by these angles both to the left and upwards.
     fn follow(offset: &mut Offset, map_deg: f32, seen_deg: f32) -> Gaze {
-        let mut features = Features { values: [0.0; FEATURES], known: 0.0 };
+        let mut features = Features { values: [0.0; FEATURES], known: 0.0, counts: Counts::WHOLE };
         features.values[layer().inputs[0].feature.index()] = 0.5 + map_deg / 100.0;
         let mut raw = Coefficients([0.0; COEFFS]);
         Gaze { yaw_pitch_deg: [seen_deg; 2], vergence_deg: 1.0 }.write(&mut raw.0);

@@ -23,6 +23,7 @@ mod pose;
 mod regression;
 mod smoothing;
 mod solver;
+mod view;
 
 use crate::model::Model;
 use crate::track::LANDMARKS;
@@ -50,5 +51,10 @@ impl Coefficients {
     pub fn plus(mut self, residual: &Self) -> Self {
         self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);
         self
+    }
+
+    /// Multiplies all coefficients.
+    pub(crate) fn times(self, factor: f32) -> Self {
+        Self(self.0.map(|value| factor * value))
     }
 }

@@ -31,8 +31,8 @@ impl Model {
     ) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
             (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
-                let unknown = self.process(&Features::new(face, Reference::MEAN))?;
-                let known = self.process(&Features::new(face, reference.neutral))?;
+                let unknown = self.process(&Features::new(face, Reference::MEAN).in_view(features.counts))?;
+                let known = self.process(&Features::new(face, reference.neutral).in_view(features.counts))?;
                 Ok(Coefficients(towards(unknown.0, known.0, reference.known)))
             }
             _ => self.process(features),
@@ -109,7 +109,9 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
-    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN};
+    use crate::solve::{
+        Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN, view::Counts,
+    };
     use crate::testing::face;
     use crate::track::Face;
 
@@ -130,7 +132,7 @@ mod tests {
         for (name, table) in ModelFile::parse(SHIPPED).expect("sound").inputs {
             values[FeatureId::from_name(&name).expect("known").index()] += (1.0 - known) * table.neutral as f32;
         }
-        Features { values, known }
+        Features { values, known, counts: Counts::WHOLE }
     }
 
     #[test]

@@ -7,8 +7,8 @@ use thiserror::Error;
 
 use super::{
     Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
-    Reference, Rules, correct, gaze::Offset, mirror_image, neutral_estimate::NeutralEstimate, normalise,
-    output::Crossfade, plausible::GazeState,
+    Reference, Rules, affine::normalise_in_view, correct, gaze::Offset, mirror_image,
+    neutral_estimate::NeutralEstimate, output::Crossfade, plausible::GazeState, view::View,
 };
 use crate::track::Face;
 
@@ -70,6 +70,8 @@ pub struct Solver {
     pub shaping: Shaping,
     /// What is done about the neutral face while the profile has none.
     pub neutral_mode: NeutralMode,
+    /// What the wearer has on the face.
+    pub wears: Wears,
     history: History,
 }
 
@@ -121,6 +123,7 @@ impl Shaping {
 
 #[derive(Debug, Default)]
 struct History {
+    view: View,
     estimate: NeutralEstimate,
     gaze_offset: Offset,
     gaze: GazeState,
@@ -132,7 +135,14 @@ struct History {
 impl Solver {
     /// A solver that has not seen any frame.
     pub fn new(model: Model, profile: Profile, shaping: Shaping) -> Self {
-        Self { model, profile, shaping, neutral_mode: NeutralMode::Off, history: History::default() }
+        Self {
+            model,
+            profile,
+            shaping,
+            neutral_mode: NeutralMode::Off,
+            wears: Wears::default(),
+            history: History::default(),
+        }
     }
 
     /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
@@ -143,16 +153,25 @@ impl Solver {
         time_us: u64,
     ) -> Result<Solution, SolveError> {
         let Face { landmarks, appearance } = face.into();
-        let face = normalise(landmarks)?;
+        let view = self.history.view.next(
+            appearance.map(|appearance| &appearance.in_view),
+            self.wears,
+            self.history.since_s(time_us),
+        );
+        let counts = view.counts();
+        let face = normalise_in_view(landmarks, &counts)?;
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
-        let features = Features::new(&face, reference);
+        let features = Features::new(&face, reference).in_view(counts);
         let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
         let mut raw = self.model.solve(&face, &features, reference)?;
         if let Some(residual) = self.model.residual(appearance, reference.known)? {
-            raw = raw.plus(&residual);
+            raw = raw.plus(&residual.times(counts.least()));
         }
         self.model.look(&mut raw, &face, appearance.map(|appearance| &appearance.eyes));
+        if let Some(appearance) = appearance {
+            counts.blend(&mut raw, &appearance.parts, &self.model.pictures);
+        }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
             None if reference.known >= ESTIMATED => NeutralFace::Estimated,
@@ -160,13 +179,17 @@ impl Solver {
         };
         // A rejected frame does not get here: the time of the filters goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
-        if calibrated.is_none() {
+        self.history.view = view;
+        // Only what is in view is learned.
+        let is_whole = counts.least() >= 1.0;
+        if calibrated.is_none() && is_whole {
             self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
         }
-        if let Some(turns_deg) = turns_deg {
+        if let Some(turns_deg) = turns_deg.filter(|_| is_whole) {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
         }
-        let corrected = correct(&raw, &self.model.correction, &self.profile);
+        let mut corrected = correct(&raw, &self.model.correction, &self.profile);
+        counts.rest(&mut corrected);
         let raw_head = HeadPose::new(&face, camera);
         let Shaping { rules, filters, adjustments } = &self.shaping;
         let history = &mut self.history;
@@ -174,7 +197,7 @@ impl Solver {
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
         adjustments.apply(&mut smoothed.0);
-        let mut visibility = Visibility::WHOLE;
+        let mut visibility = view.visibility();
         if adjustments.mirror {
             visibility = visibility.mirrored();
             (head.rotation_xyzw, head.position_mm) = mirror_image(head.rotation_xyzw, head.position_mm);
@@ -207,6 +230,11 @@ impl Solver {
 }
 
 impl History {
+    /// Returns the seconds since the last frame that was filtered, or 0 if there was none.
+    fn since_s(&self, time_us: u64) -> f32 {
+        self.last_us.and_then(|last_us| time_us.checked_sub(last_us)).map_or(0.0, |step_us| step_us as f32 / 1e6)
+    }
+
     /// Returns the seconds since the last frame that was filtered. A clock that ran backwards clears the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
@@ -224,7 +252,7 @@ impl History {
 #[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::solve::{FilterKind, MAX_REST};
+    use crate::solve::{FilterKind, MAX_REST, normalise};
     use crate::testing::face;
     use crate::track::{LANDMARKS, Landmarks};
 

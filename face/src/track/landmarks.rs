@@ -2,7 +2,10 @@
 
 use super::eyes::EyeValues;
 use super::feature_map::{FeatureMap, bounds};
+use super::parts::PartValues;
 use super::refinement::{FEATURE_SCALE, LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
+use super::visible::{InView, REGIONS};
+use crate::COEFFS;
 use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 
 /// Number of points of the mesh, which come first.
@@ -58,6 +61,9 @@ impl<'a> From<&'a Landmarks> for Face<'a> {
     }
 }
 
+/// The log-odds of a region that is in view beyond doubt.
+const WHOLE: f32 = 10.0;
+
 /// How a face looks to the networks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Appearance {
@@ -65,16 +71,25 @@ pub struct Appearance {
     pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
     /// What the network of the eyes gives.
     pub eyes: EyeValues,
+    /// What the networks of mouth and brows give.
+    pub parts: PartValues,
+    /// The log-odds that each region is in view.
+    pub in_view: InView,
     /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are about 25 for a face in view, and
     /// mostly below 15 for one that is upside down or whose eyes are covered.
     pub score: f32,
 }
 
 impl Appearance {
-    /// All values 0.
+    /// All values 0, of a face that is wholly in view.
     pub fn zero() -> Self {
-        let skin = vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into();
-        Self { skin, eyes: EyeValues::default(), score: 0.0 }
+        Self {
+            skin: vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into(),
+            eyes: EyeValues::default(),
+            parts: [0.0; COEFFS],
+            in_view: [WHOLE; REGIONS],
+            score: 0.0,
+        }
     }
 
     /// Samples the map of a network at landmarks whose coordinates count samples of the network's input.

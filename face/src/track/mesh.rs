@@ -17,6 +17,7 @@ use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
 };
+use super::visible::Visible;
 
 const SIDE: usize = 192;
 /// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
@@ -66,6 +67,7 @@ pub struct Mesh {
     pub eyes: Eyes,
     /// What other parts of the last face look like.
     pub parts: Parts,
+    visible: Visible,
     landmarks: Landmarks,
     appearance: Appearance,
     /// Whether the heads take turns.
@@ -92,7 +94,8 @@ impl Mesh {
             heads: REFINEMENTS.iter().map(head).collect::<Result<_, _>>()?,
             block: Block::default(),
             eyes: Eyes::load()?,
-            parts: Parts::default(),
+            parts: Parts::load()?,
+            visible: Visible::load()?,
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
             by_turns: false,
@@ -121,6 +124,8 @@ impl Mesh {
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
         self.appearance.eyes = self.eyes.read()?;
         self.parts.look(picture, region, &self.landmarks, &mut self.block);
+        self.appearance.parts = self.parts.read()?;
+        self.appearance.in_view = self.visible.read(&self.appearance)?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 

@@ -11,6 +11,7 @@ mod landmarks;
 mod mesh;
 mod parts;
 pub(crate) mod refinement;
+pub(crate) mod visible;
 
 use std::f32::consts::FRAC_PI_4;
 
@@ -24,7 +25,8 @@ pub use eyes::{EYE_SIDE, EyeValues, Eyes};
 pub use feature_map::bounds;
 pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
-pub use parts::PART_SIDE;
+pub use parts::{PART_SIDE, PartValues, Parts};
+pub use visible::{InView, Visible};
 
 /// The networks, and the region of the face that they follow.
 pub struct Tracker {

@@ -7,9 +7,9 @@ target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/ta
 program=${0##*/}
 # shellcheck source=scripts/waiting.sh
 source "$root/scripts/waiting.sh"
-# The programs that boards get.
-# shellcheck disable=SC2034 # The scripts that source this file use it.
-shipped=(facewire facewire-tools facewire-console facewire-bridge)
+# The programs of the service, and all that boards get.
+# shellcheck disable=SC2034 # The scripts that source this file use them.
+of_service=(facewire facewire-tools) shipped=(facewire facewire-tools facewire-console facewire-bridge)
 
 say() { printf '%s: %s\n' "$program" "$*"; }
 
@@ -74,16 +74,19 @@ use_target_compiler() {
     own_compiler_has_target || export RUSTC=$toolchain/rustc
 }
 
-# build_programs FEATURES OPTION...: builds the programs that boards get, with these options of cargo. FEATURES is an option
-# for facewire and its tools, such as --no-default-features, or empty. facewire-console and facewire-bridge have their own runs
-# of cargo, because one run for all would give a shared dependency the features that any of them needs.
+# cargo_build OPTION...: builds what these options of cargo select. The time that C compilers take for that of the source is
+# always the same: with another one, cargo would compile crates with C code, and all that use them, again.
+cargo_build() { (cd "$root" && SOURCE_DATE_EPOCH=0 CARGO_TARGET_DIR=$target_folder cargo build --locked "$@"); }
+
+# build_service FEATURES OPTION...: builds facewire and its tools, with these options of cargo. FEATURES is another one, such as
+# --no-default-features, or empty.
+build_service() { cargo_build --package facewire --package facewire-tools --bins ${1:+"$1"} "${@:2}"; }
+
+# build_programs FEATURES OPTION...: builds the programs that boards get, as build_service does. facewire-console and
+# facewire-bridge have their own runs of cargo, because one run for all would give a shared dependency the features that any of
+# them needs.
 build_programs() {
-    local features=$1
-    shift
-    (cd "$root" && export CARGO_TARGET_DIR=$target_folder &&
-        cargo build --locked --package facewire --package facewire-tools --bins ${features:+"$features"} "$@" &&
-        cargo build --locked --package facewire-console "$@" &&
-        cargo build --locked --package facewire-bridge "$@")
+    build_service "$@" && cargo_build --package facewire-console "${@:2}" && cargo_build --package facewire-bridge "${@:2}"
 }
 
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the

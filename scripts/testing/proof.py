@@ -16,8 +16,19 @@ BELONGS = {"models": "facewire-face"}
 # Files that several crates are compiled or tested with.
 SHARED = (
     ".cargo/*", ".config/*", "Cargo.lock", "Cargo.toml", "boards/*", "clippy.toml", "docs/code.md", "docs/reference.md",
-    "fuzz/src/*", "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*", "tests/skips-allowed",
+    "fuzz/src/*", "library/tests/common/*", "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*",
+    "tests/golden/*", "tests/receivers.py", "tests/skips-allowed",
 )
+# The tests that read files of all crates, documents and scripts, and files that no other test reads.
+READS_ALL = ("project", "setup")
+READ_BY_THEM = (
+    "docs/*", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "README.md", "cross/*", "packaging/*", "scripts/*",
+    "tests/cases.md", "tests/guest/*", "!docs/receivers.md",
+)
+# Files of a crate that those which use the crate do not read.
+UNUSED = ("*.md", "*/tests.rs", "*_tests.rs", "docs/*", "tests/*", "*/tests/*", "cross/*", "packaging/*", "scripts/*")
+# Crates whose programs the tests of a crate start, though cargo knows of no dependency.
+STARTS = {"facewire": ["facewire-tools"], "facewire-console": ["facewire", "facewire-tools"]}
 
 
 def paths(root):
@@ -86,27 +97,63 @@ def owners(root, packages, paths):
     return {path: owner(path) for path in paths}
 
 
-def crate_stamps(root, packages, about, contents):
+def crate_stamps(root, packages, about, contents, what="", uses=None):
     """Returns the stamp of each package, which says that its tests have passed with these files: its own, those of the packages that
-    it uses, and those that several packages share."""
+    it uses, and those that several packages share. Other stamps have another name and use other packages."""
     owned = owners(root, packages, contents)
+    used = {name: (uses or with_dependencies)(packages, name) for name in packages}
 
     def reads(name, path):
-        return owned[path] in with_dependencies(packages, name) or includes(SHARED, path)
+        if owned[path] == name:
+            return includes(SHARED, path) or not includes(READ_BY_THEM, path)
+        return includes(SHARED, path) or owned[path] in used[name] and not includes(UNUSED, path)
 
     return {
-        name: stamp(name, about, {path: content for path, content in contents.items() if reads(name, path)}) for name in packages
+        name: stamp(what + name, about, {path: content for path, content in contents.items() if reads(name, path)})
+        for name in packages
     }
 
 
-def with_dependencies(packages, name, found=frozenset()):
+def with_dependencies(packages, name):
     """Returns the package, and those of the workspace that it or its tests use."""
-    if name in found or name not in packages:
-        return found
-    found |= {name}
-    for needed in packages[name]["dependencies"]:
-        found = with_dependencies(packages, needed["name"], found)
+
+    def needs(crate):
+        return [needed["name"] for needed in packages[crate]["dependencies"]] + STARTS.get(crate, [])
+
+    return closure(name, needs, packages)
+
+
+def with_libraries(packages, name):
+    """Returns the package, and those of the workspace that it is built from: not those that its tests alone use."""
+
+    def needs(crate):
+        return [needed["name"] for needed in packages[crate]["dependencies"] if needed["kind"] != "dev"]
+
+    return closure(name, needs, packages)
+
+
+def closure(name, needs, packages):
+    """Returns the package, and all packages of the workspace that it needs in any number of steps."""
+    found, new = set(), {name}
+    while new:
+        found |= new
+        new = {other for crate in new for other in needs(crate) if other in packages} - found
     return found
+
+
+def with_program(packages, program):
+    """Returns the packages with a test program of this name, as cargo writes it."""
+    return {name for name, package in packages.items() if any(is_called(target, program) for target in package["targets"])}
+
+
+def is_called(target, program):
+    """Returns whether the programs of a target of cargo have this name."""
+    return target["name"].replace("-", "_") == program
+
+
+def tests_of(names):
+    """Returns nextest's expression for the tests of these packages and those that read files of all."""
+    return " + ".join([*(f"binary(={name})" for name in READS_ALL), *(f"package(={name})" for name in sorted(names))])
 
 
 def includes(patterns, path):

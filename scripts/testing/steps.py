@@ -103,7 +103,7 @@ class Run:
         self.steps = steps
         self.folder = folder
         self.environment = environment
-        # A function that is called with each step that has passed.
+        # A function that is called with each step that has passed, and with what the step has skipped.
         self.prove = prove
         self.outcomes = {}
         # The steps that are running, and when they began.
@@ -171,8 +171,8 @@ class Run:
         outcome = Outcome(verdict, time.monotonic() - began, used.ru_utime + used.ru_stime)
         self.outcomes[step.name] = outcome
         self.say_end(step, outcome)
-        if verdict == "passed" and not self.skips(step):
-            self.prove(step)
+        if verdict == "passed":
+            self.prove(step, self.skips(step))
 
     def may_skip(self, step):
         """Records that a step was skipped, for the reason in the last line of its output. Returns whether it may be skipped."""
@@ -274,27 +274,41 @@ def test(root, steps, folder, *, everything):
     """Runs the steps that are not proven or, if `everything` is set, all of them. Returns the run."""
     about = proof.machine()
     contents = proof.files(root)
-    stamps = {step.name: [stamp(step, about, contents)] for step in steps}
-    if TESTS in stamps and (root / "Cargo.toml").exists():
-        stamps[TESTS] += proof.crate_stamps(root, proof.workspace(root), about, contents).values()
-    proven = set() if everything else {name for name, (own, *_) in stamps.items() if own.exists()}
+    stamps = {step.name: stamp(step, about, contents) for step in steps}
+    packages = proof.workspace(root) if (root / "Cargo.toml").exists() else {}
+    crates = proof.crate_stamps(root, packages, about, contents) if packages else {}
+    unproven = {name for name, path in crates.items() if everything or not path.exists()}
 
-    def prove(step):
+    def prove(step, skips):
         # The step proves nothing if a file that it reads has changed while it ran.
-        if stamp(step, about, proof.files(root)) == stamps[step.name][0]:
-            for path in stamps[step.name]:
-                proof.prove(path)
+        if stamp(step, about, proof.files(root)) != stamps[step.name]:
+            return
+        if not skips:
+            proof.prove(stamps[step.name])
+        if step.name == TESTS:
+            for name in unproven - crates_that_skip(packages, skips):
+                proof.prove(crates[name])
 
-    environment = {**os.environ, "FACEWIRE_TEST_ALL": "1" if everything else ""}
+    environment = {
+        **os.environ, "FACEWIRE_TEST_ALL": "1" if everything else "",
+        "FACEWIRE_STEPS_TESTS": "all()" if everything else proof.tests_of(unproven),
+    }
     if "CARGO_TARGET_DIR" in environment:
         # Tests run in the folders of their crates, from which a relative path would lead elsewhere.
         environment["CARGO_TARGET_DIR"] = str(target_folder())
     run = Run(root, steps, folder, environment, prove)
     try:
-        run.run(needed(steps, proven))
+        run.run(needed(steps, set() if everything else {name for name, path in stamps.items() if path.exists()}))
     finally:
         run.stop()
     return run
+
+
+def crates_that_skip(packages, skips):
+    """Returns the packages to which the programs belong that have skipped tests: all, if none of them has such a program. A
+    line of `skips` begins with the name of the program."""
+    found = [proof.with_program(packages, line.partition(" ")[0]) for line in skips]
+    return set().union(*found) if all(found) else set(packages)
 
 
 def wait_for(lock):

@@ -86,7 +86,7 @@ class Checkout(unittest.TestCase):
     def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
         self.step("build").command = "exit 3"
         ran = self.run_all()
-        lost = {"build", "unit", "documentation", "steps", "crates", "python", "try-arm64", "try-armhf", "guest-cases"}
+        lost = {"build", "unit", "documentation", "steps", "crates", "python", "try-arm64", "try-armhf", "guest-console"}
         self.assertEqual(ran, {step.name for step in self.steps} - lost)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
         self.assertIn("== FAILED: build,", self.said[-2])
@@ -100,10 +100,37 @@ class Checkout(unittest.TestCase):
         self.run_all()
         self.assertEqual(steps.conclude(self.run_of_steps, ["licences"], 0.0), 0)
         listed = self.said[-1].splitlines()
-        cases = ["step guest-cases: it needs guest"]
+        cases = [f"step guest-{which}: it needs guest" for which in ("cases", "console", "packages")]
         self.assertEqual(listed, ["a test: it needs a camera", *cases, "step guest: it needs root", "step licences: not asked for"])
-        self.assertIn("== passed, 4 skipped", self.said[-2])
+        self.assertIn("== passed, 6 skipped", self.said[-2])
         self.assertEqual(self.run_all() & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
+
+    def test_the_tests_of_a_crate_run_again_after_a_change_of_what_it_reads_or_if_they_were_skipped(self):
+        def place(package):
+            return str(self.root / pathlib.Path(package["manifest_path"]).relative_to(ROOT))
+
+        packages = {name: {**package, "manifest_path": place(package)} for name, package in proof.workspace(ROOT).items()}
+        (self.root / "Cargo.toml").touch()
+        tested = self.ran.with_name("tested")
+
+        def run(*changed, skipped="true"):
+            for path in changed:
+                (self.root / path).parent.mkdir(parents=True, exist_ok=True)
+                (self.root / path).write_text(f"{changed} {skipped}")
+            tested.unlink(missing_ok=True)
+            self.step("unit").command = f'echo "$FACEWIRE_STEPS_TESTS" >{tested}; {skipped}'
+            self.run_all()
+            return set(re.findall(r"package\(=(\S+)\)", tested.read_text()))
+
+        with mock.patch.object(proof, "workspace", lambda _: packages):
+            self.assertEqual(run("servo/src/lib.rs", "fit/src/lib.rs"), set(packages))
+            self.assertEqual(run("docs/faults.md"), set())
+            skips = 'echo "facewire_fit a test: it needs a video" >>"$FACEWIRE_SKIPPED"'
+            self.assertEqual(run("fit/src/lib.rs", skipped=skips), {"facewire-fit"})
+            self.assertLess({"facewire-servo", "facewire-fit"}, run("servo/src/lib.rs"))
+            self.assertNotIn("facewire-packet", run("servo/src/lib.rs", "docs/faults.md"))
+            self.run_all(everything=True)
+            self.assertEqual(tested.read_text(), "all()\n")
 
     def test_under_ci_a_step_may_not_skip_itself(self):
         self.step("guest").command = f"echo it needs root; exit {steps.SKIPPED}"
@@ -147,50 +174,108 @@ class Checkout(unittest.TestCase):
             step.command = f"test $(nice) = {min(19, os.nice(0) + (0 if step.clocked else steps.PATIENT_NICENESS))}"
         self.run_all()
         self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
-        self.assertEqual({step.name for step in self.steps if step.clocked}, {"unit", "python", "guest-cases"})
+        clocked = {"unit", "python", "guest-cases", "guest-console", "guest-packages"}
+        self.assertEqual({step.name for step in self.steps if step.clocked}, clocked)
 
 
-class Quick(unittest.TestCase):
-    """scripts/test quick checks what a change can break, and not the workbench."""
+class Crates(unittest.TestCase):
+    """The step unit and scripts/test quick test the crates that a change can break."""
 
-    def test_a_change_checks_its_crate_and_what_depends_on_it(self):
-        packages = proof.workspace(ROOT)
-        for path, checked, unchecked in (
-            ("servo/src/lib.rs", {"facewire-servo", "facewire", "facewire-console"}, {"facewire-face", "facewire-bridge"}),
-            ("models/blendshapes.toml", {"facewire-face", "facewire", "facewire-python"}, {"facewire-packet", "facewire-servo"}),
-            ("tests/service.rs", {"facewire"}, {"facewire-servo"}),
-            ("console/page/app.js", {"facewire-console"}, {"facewire"}),
+    def setUp(self):
+        self.packages = proof.workspace(ROOT)
+        self.contents = dict.fromkeys(proof.files(ROOT), "as it was")
+
+    def changed(self, path, *what):
+        """Returns the crates whose stamps another content of the file changes."""
+        before, after = (
+            proof.crate_stamps(ROOT, self.packages, "", contents, *what)
+            for contents in (self.contents, {**self.contents, path: "changed"})
+        )
+        return {name.removeprefix("facewire-") for name in self.packages if before[name] != after[name]}
+
+    def test_a_change_leads_to_tests_of_its_crate_and_of_all_that_use_it_in_any_way(self):
+        every = {name.removeprefix("facewire-") for name in self.packages}
+        for path, crates in (
+            ("Cargo.lock", every),
+            ("tests/common/mod.rs", every),
+            ("packet/src/lib.rs", every - {"engine", "board"}),
+            ("src/pipeline.rs", {"facewire", "tools", "fit", "console", "library", "c", "python"}),
+            # The console's tests operate the service, and those of the service start the tools.
+            ("tools/src/track.rs", {"tools", "facewire", "fit", "console", "library", "c", "python"}),
+            ("src/capture/jpeg/tests.rs", {"facewire"}),
+            ("tests/service.rs", {"facewire"}),
+            ("servo/src/bus/tests.rs", {"servo"}),
+            ("console/page/app.js", {"console"}),
+            ("console/tests/page.rs", {"console"}),
+            ("fit/src/train.rs", {"fit"}),
+            ("library/tests/common/films.rs", every),
+            ("bridge/README.md", {"bridge"}),
+            ("docs/receivers.md", {"facewire"}),
+            # The tests that read documents always run.
+            ("docs/faults.md", set()),
+            ("scripts/setup", set()),
         ):
-            changed = proof.owners(ROOT, packages, [path])[path]
-            affected = quick.with_dependents(packages, [changed])
-            self.assertTrue(checked <= affected and not unchecked & affected, (path, affected))
-            commands = quick.commands(packages, affected - {quick.WORKBENCH})
-            self.assertTrue(not any("fit" in argument for command in commands for argument in command), path)
+            self.assertEqual(self.changed(path), crates, path)
 
-
-    def test_a_package_is_checked_again_after_a_change_of_what_it_uses(self):
-        packages = proof.workspace(ROOT)
-        contents = dict.fromkeys(proof.files(ROOT), "as it was")
-        before = proof.crate_stamps(ROOT, packages, "", contents)
-        for path, changed, unchanged in (
-            ("Cargo.lock", set(packages), set()),
-            ("packet/src/lib.rs", {"facewire-packet", "facewire-console", "facewire-bridge"}, {"facewire-engine"}),
-            ("boards/pi4.toml", {"facewire-board", "facewire"}, set()),
+    def test_quick_tests_what_is_built_from_the_changed_crate_and_lints_that_crate_alone(self):
+        for path, tested, linted in (
+            ("servo/src/lib.rs", {"servo", "facewire", "tools", "fit"}, {"servo"}),
+            ("models/blendshapes.toml", {"face", "facewire", "tools", "fit", "library", "c", "python"}, {"face"}),
+            ("src/pipeline.rs", {"facewire", "tools", "fit"}, {"facewire"}),
+            ("tests/service.rs", {"facewire"}, {"facewire"}),
+            ("console/page/app.js", {"console"}, {"console"}),
         ):
-            after = proof.crate_stamps(ROOT, packages, "", {**contents, path: "changed"})
-            self.assertTrue(all(after[name] != before[name] for name in changed), path)
-            self.assertTrue(all(after[name] == before[name] for name in unchanged), path)
+            self.assertEqual(self.changed(path, "quick-", proof.with_libraries), tested, path)
+            self.assertEqual(self.changed(path, "clippy-", lambda _, name: {name}), linted, path)
+
+    def test_quick_leaves_out_the_longest_tests_and_names_them(self):
+        names = {"facewire", "facewire-library"}
+        chosen = {option.partition("=")[2] for option in quick.targets(self.packages, names)}
+        # The tests of the service start the tools, too.
+        self.assertTrue(chosen >= {"service", "tracker", "facewire-tools", *proof.READS_ALL}, chosen)
+        self.assertFalse(chosen & set(quick.LONG))
+        self.assertEqual(quick.left_out(self.packages, names), ["impairments", "memory", "overload", "public_api", "soak"])
+        known = {target["name"] for package in self.packages.values() for target in package["targets"]}
+        self.assertTrue(known >= {*quick.LONG, *proof.READS_ALL})
+
+
+class Guests(unittest.TestCase):
+    """The cases of the device tests run after a change that can break them."""
+
+    def test_each_case_belongs_to_a_step_and_those_in_tables_of_faults_to_the_one_that_follows_the_service(self):
+        known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
+        cases = {path.stem for path in (ROOT / "tests/guest/cases").glob("*.sh")} - {"lib", "package"}
+        runs = {name: self.cases_of(known[name]) for name in ("guest-cases", "guest-packages", "guest-console")}
+        self.assertEqual(sorted(case for names in runs.values() for case in names), sorted([*cases, "console"]))
+        tables = "".join((ROOT / table).read_text() for table in ("docs/faults.md", "docs/security.md"))
+        named = set(re.findall(r"`(\w+)\.sh`", tables))
+        self.assertGreater(len(named), 5)
+        self.assertEqual(named - set(runs["guest-cases"]), set())
+        for path in ("src/service/hot.rs", "servo/src/pca9685.rs", "systemd/facewire.service", "packaging/scripts/prerm"):
+            self.assertTrue(steps.is_read(known["guest-cases"], path), path)
+        for name, step in known.items():
+            for case in runs.get(name, ()):
+                self.assertTrue(steps.is_read(step, f"tests/guest/cases/{case}.sh") or case == "console", case)
+
+    def cases_of(self, step):
+        """Returns the cases that a step runs, as tests/guest/run lists them."""
+        command = step.command.replace("tests/guest/run", "tests/guest/run --list")
+        return subprocess.run(["bash", "-c", command], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
 
 
 class Sources(unittest.TestCase):
     """The patterns in steps.toml cover every source file that, according to cargo, the programs are built from."""
 
     def test_the_steps_that_run_programs_read_all_their_sources(self):
+        everywhere = (
+            "package-amd64", "programs-arm64", "guest-cases", "instructions", "arm64-kernel", "armv7", "python", "unit",
+        )
         programs = {
-            "facewire": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
-            "facewire-tools": ("package-amd64", "guest-cases", "instructions", "armv7", "python", "unit"),
-            "facewire-console": ("package-amd64", "guest-cases", "unit"),
-            "facewire-bridge": ("package-amd64", "guest-cases", "unit"),
+            "facewire": everywhere,
+            "facewire-tools": everywhere,
+            "facewire-console": ("package-amd64", "guest-console", "unit"),
+            "facewire-bridge": ("package-amd64", "guest-packages", "unit"),
+            "facewire-face": ("arm64", "crates", "oldest-rust"),
             "facewire-python": ("python", "unit"),
         }
         known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
@@ -233,6 +318,22 @@ class Compiled(unittest.TestCase):
             said = [self.build(pathlib.Path(folder) / name, cache) for name in ("first", "second")]
         self.assertEqual(set(re.findall(r"Compiling (\S+)", said[0])), {"cfg-if", "facewire-of-a-test"})
         self.assertEqual(set(re.findall(r"Compiling (\S+)", said[1])), {"facewire-of-a-test"})
+
+    def test_packages_of_another_commit_compile_no_registry_crate_again(self):
+        """A crate with C code is compiled again at another time of the source, and so is all that uses it."""
+        with tempfile.TemporaryDirectory() as folder:
+            cargo = pathlib.Path(folder) / "cargo"
+            cargo.write_text('#!/bin/sh\necho "$1 ${SOURCE_DATE_EPOCH-unset}"\n')
+            cargo.chmod(0o755)
+            command = ["bash", "-c", "source cross/common.sh; build_programs ''"]
+            said = {
+                subprocess.run(
+                    command, cwd=ROOT, check=True, stdout=subprocess.PIPE,
+                    env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "SOURCE_DATE_EPOCH": time_of_commit},
+                ).stdout
+                for time_of_commit in ("1700000000", "1800000000")
+            }
+        self.assertEqual(said, {b"build 0\n" * 3})
 
     def test_what_an_interrupted_run_has_kept_does_no_harm(self):
         with tempfile.TemporaryDirectory() as folder:

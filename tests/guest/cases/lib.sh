@@ -5,6 +5,9 @@ set -eu
 # Longest wait for a state, in seconds. On a busy machine the emulated service takes seconds for a frame.
 patience=600
 work=/run/case
+# Frames of the built-in clip with eyes and mouth wide open and shut.
+# shellcheck disable=SC2034 # The cases use it.
+frames='8 20 24 48 92 100 104 220'
 service='' decoder=''
 
 fail() {

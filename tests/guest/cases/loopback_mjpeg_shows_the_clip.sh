@@ -2,4 +2,5 @@
 # v4l2loopback in Motion-JPEG: the packets show the face of the clip, in 8 frames with eyes and mouth wide open and shut.
 . cases/lib.sh
 configure /dev/video0 mjpeg
-show_clip mjpeg 8 20 24 48 92 100 104 220
+# shellcheck disable=SC2086,SC2154
+show_clip mjpeg $frames

@@ -11,7 +11,7 @@ use super::{
 };
 use facewire_board::HardwareSettings;
 use facewire_face::{
-    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rotation, Rules,
+    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Follow, Group, NeutralMode, Rotation, Rules,
 };
 use tracing::level_filters::LevelFilter;
 
@@ -76,6 +76,7 @@ section! {
         name: String = String::new(), text(ANY_TEXT);
         folder: String = String::new(), text(ANY_TEXT);
         neutral: NeutralMode = NeutralMode::Auto, choice();
+        follow: Follow = Follow::Wearer, choice();
     }
 
     FailsafeSettings {
@@ -193,3 +194,4 @@ choices! {
     OneEuro = "one-euro"
 }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
+choices! { Follow: Nearest = "nearest", Centre = "centre", Wearer = "wearer" }

@@ -205,6 +205,7 @@ impl HotLoop {
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
         self.counters.impairments.set(Impairment::FrozenPicture, false);
+        self.counters.impairments.set(Impairment::TurnedAway, false);
         self.motion = Motion::Moving;
         camera.source.close()?;
         outcome
@@ -244,6 +245,7 @@ impl HotLoop {
             camera.source.leave_out_until(self.timing.wanted_us());
             if let Some(pipeline) = &mut self.pipeline {
                 pipeline.set_turns(step.has_turns());
+                pipeline.set_follow(self.settings.wearer.follow);
             }
             let was_doubtful = self.watch.is_doubtful();
             let outcome = match camera.next() {
@@ -287,6 +289,7 @@ impl HotLoop {
         let processed = pipeline.process(frame);
         timing.captured(frame.captured_us);
         add(&counters.frames, 1);
+        counters.impairments.set(Impairment::TurnedAway, matches!(processed.solved, Err(Rejected::TurnedAway)));
         let counter = match &processed.solved {
             Ok(solution) => {
                 let solver = processed.solver;

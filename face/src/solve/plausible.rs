@@ -147,7 +147,7 @@ impl GazeState {
 
 /// The place of a blendshape. An unknown name does not compile.
 #[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
-const fn index_of(name: &str) -> usize {
+pub(super) const fn index_of(name: &str) -> usize {
     let mut index = 0;
     while !BLENDSHAPES[index].eq_ignore_ascii_case(name) {
         index += 1;

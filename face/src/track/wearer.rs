@@ -54,8 +54,8 @@ const MOST_ZOOM: f32 = 4.0;
 const DOUBT_S: f32 = 0.3;
 /// Distance from where the face was, in its sizes, and relative change of size from which on a face in doubt is another one.
 const ELSEWHERE: f32 = 0.2;
-/// Difference of the look from which on a face in doubt is another one.
-const OTHER_LOOK: f32 = 8.0;
+/// Time over which the place of a face in doubt is averaged, seconds. A wearer who drinks moves more slowly than one who passes.
+const DOUBT_PLACE_S: f32 = 0.4;
 
 /// What a face that may be the wearer's may differ by: the look, the place in sizes of the face, and the size. The last two
 /// grow by the second for each second since the wearer was seen last.
@@ -68,6 +68,8 @@ const SHORT_PATIENCE_S: f32 = 1.0;
 /// Number of frames in which a face must be like the wearer's. It must not move faster than this meanwhile, sizes a second.
 const TRIAL: u32 = 3;
 const TRIAL_SPEED: f32 = 1.6;
+/// Time after which a face that stays may look twice as different: the wearer may have put on glasses, or be half covered.
+const STAY_S: f32 = 0.7;
 /// A face that differs by less than this share of what is allowed is the wearer's at once, if no other was in its place.
 const SURE: f32 = 0.5;
 
@@ -92,11 +94,11 @@ pub(super) struct Wearer {
     seat: Place,
     last: Option<Place>,
     doubt_s: f32,
-    other_looks: u32,
     /// For how long the wearer has not been seen.
     pub(super) away_s: f32,
-    /// Frames of the trial that are left.
+    /// Frames of the trial that are left, and for how long it has lasted.
     trial: u32,
+    stay_s: f32,
     /// Whether a face that was followed turned out to be another one.
     pub(super) is_wary: bool,
     watch: Watch,
@@ -246,7 +248,7 @@ impl Wearer {
         if self.is_patient() {
             let nearest = faces.iter().min_by(|one, other| place(one).total_cmp(&place(other)));
             let chosen = *nearest.filter(|face| place(face) < 1.0)?;
-            self.trial = TRIAL;
+            (self.trial, self.stay_s) = (TRIAL, 0.0);
             return Some(chosen);
         }
         let best = *faces.iter().max_by(|one, other| merit(one).total_cmp(&merit(other)))?;
@@ -277,7 +279,7 @@ impl Wearer {
         let is_back = self.strangeness_of_place(&Place::from(&best)) < 1.0
             && away(&best) + ELSEWHERE < self.seat.distance(&mine);
         is_back.then(|| {
-            self.trial = TRIAL;
+            (self.trial, self.stay_s) = (TRIAL, 0.0);
             self.last = None;
             best
         })
@@ -298,7 +300,7 @@ impl Wearer {
         let score = face.appearance.map_or(0.0, |appearance| appearance.score);
         self.watch_s -= step_s;
         if self.trial > 0 {
-            return self.try_face(&place, difference, speed);
+            return self.try_face(&place, difference, speed, step_s);
         }
         self.away_s = 0.0;
         let is_other = self.watch == Watch::Other && self.watch_s > 0.0;
@@ -310,7 +312,7 @@ impl Wearer {
             let is_traced = is_covered || difference.is_mixed() || speed > MOST_SPEED || zoom > MOST_ZOOM;
             self.doubt_s = if is_traced { DOUBT_S } else { self.doubt_s - step_s };
             if self.doubt_s > 0.0 {
-                return self.doubt(&place, difference, is_traced);
+                return self.doubt(&place, step_s);
             }
         }
         self.learn(&place, &seen, score, step_s.min(STEPS_S[1]));
@@ -318,30 +320,32 @@ impl Wearer {
     }
 
     /// Judges a face while it is in doubt.
-    fn doubt(&mut self, place: &Place, difference: Difference, is_traced: bool) -> Verdict {
+    fn doubt(&mut self, place: &Place, step_s: f32) -> Verdict {
         (self.watch, self.watch_s) = (Watch::Doubt, AFTER_DOUBT_S);
-        let is_elsewhere = self.place.distance(place) > ELSEWHERE || self.place.zoom(place) > ELSEWHERE;
-        let looks_other = !is_traced && difference.sum() > OTHER_LOOK;
-        self.other_looks = if looks_other { self.other_looks + 1 } else { 0 };
-        if is_elsewhere || self.other_looks >= TRIAL {
+        if self.place.distance(place) > ELSEWHERE || self.place.zoom(place) > ELSEWHERE {
             self.is_wary = true;
             self.doubt_s = 0.0;
             return Verdict::Other;
         }
+        self.place.approach(place, share(step_s, DOUBT_PLACE_S));
         Verdict::Wearer
     }
 
     /// Judges a face that may be the wearer's.
-    fn try_face(&mut self, place: &Place, difference: Difference, speed: f32) -> Verdict {
-        let strangeness = self.strangeness_of_place(place) + difference.sum() / LOOK;
+    fn try_face(&mut self, place: &Place, difference: Difference, speed: f32, step_s: f32) -> Verdict {
         // In the region of the detector, the landmarks are not exact yet.
-        let is_first = self.trial == TRIAL;
-        let most = if is_first { 2.0 } else { 1.0 };
-        if strangeness > most || (!is_first && speed > TRIAL_SPEED) {
+        let is_first = self.trial == TRIAL && self.stay_s <= 0.0;
+        self.stay_s += step_s;
+        let of_place = self.strangeness_of_place(place);
+        let of_look = difference.sum() / (LOOK * (1.0 + (self.stay_s / STAY_S).powi(2)));
+        if of_place > (if is_first { 2.0 } else { 1.0 }) || (!is_first && speed > TRIAL_SPEED) {
             self.is_wary = true;
             return Verdict::Other;
         }
-        self.trial -= 1;
+        let strangeness = of_place + of_look;
+        if strangeness <= 1.0 {
+            self.trial -= 1;
+        }
         if strangeness < SURE && !self.is_wary {
             self.trial = 0;
         }
@@ -364,7 +368,7 @@ impl Wearer {
 
     fn forget_look(&mut self) {
         (self.known_s, self.look, self.last, self.is_wary) = (0.0, Look::default(), None, false);
-        (self.doubt_s, self.away_s, self.other_looks) = (0.0, 0.0, 0);
+        (self.doubt_s, self.away_s) = (0.0, 0.0);
     }
 
     /// How little a place suits the wearer: up to 1 it may be theirs.

@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use facewire_face::{
-    Camera, Face, Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
+    Camera, Face, Filters, Follow, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
 };
 use facewire_packet::{Pose, Reason};
 
@@ -18,6 +18,8 @@ use crate::recording::Recorded;
 
 pub enum Rejected {
     NoFace,
+    /// The face is turned away from the camera, so that its pose is not to be trusted. It is followed all the same.
+    TurnedAway,
     Infer(InferError),
     Unsolved,
 }
@@ -40,7 +42,7 @@ fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
 
 pub struct Processed<'a> {
     pub solved: Result<Solution, Rejected>,
-    /// The face, unless the frame was rejected: after a failed inference the landmarks may be half written.
+    /// The face, unless there is none or the landmarks cannot be used: after a failed inference they may be half written.
     pub face: Option<Face<'a>>,
     pub times: StageTimes,
     frame: Frame<'a>,
@@ -51,7 +53,7 @@ pub struct Processed<'a> {
 impl Processed<'_> {
     pub fn pose(&self) -> Result<Pose, Reason> {
         self.solved.as_ref().map(Pose::from).map_err(|rejected| match rejected {
-            Rejected::NoFace => Reason::NoFace,
+            Rejected::NoFace | Rejected::TurnedAway => Reason::NoFace,
             Rejected::Infer(_) | Rejected::Unsolved => Reason::BadResult,
         })
     }
@@ -85,7 +87,9 @@ impl Pipeline {
         // The model comes first, so that the networks take the memory that reading it leaves free.
         let solver = load_solver(settings)?;
         let tracker = are_pictures.then(|| load_tracker(&settings.networks)).transpose()?;
-        Ok(Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg })
+        let mut pipeline = Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
+        pipeline.set_follow(settings.wearer.follow);
+        Ok(pipeline)
     }
 
     /// Finds the face of one frame by [`find`].
@@ -102,16 +106,19 @@ impl Pipeline {
         let solved = match find(self.tracker.as_mut(), &mut times, frame) {
             Ok(Some(face)) => {
                 let solved = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
-                solved.map_err(|_| Rejected::Unsolved)
+                match solved {
+                    Ok(solution) if solution.is_turned_away => Err(Rejected::TurnedAway),
+                    solved => solved.map_err(|_| Rejected::Unsolved),
+                }
             }
             Ok(None) => Err(Rejected::NoFace),
             Err(error) => Err(Rejected::Infer(error)),
         };
         if matches!(solved, Err(Rejected::Unsolved)) && frame.picture().is_some() {
-            self.forget_face();
+            self.lose_face();
         }
         let face = match &frame.content {
-            _ if solved.is_err() => None,
+            _ if !matches!(solved, Ok(_) | Err(Rejected::TurnedAway)) => None,
             Content::Picture(_) => self.tracker.as_ref().and_then(Tracker::face),
             Content::Face { face, .. } => *face,
         };
@@ -125,6 +132,20 @@ impl Pipeline {
         }
     }
 
+    /// Gives up the face because its landmarks are of no use, and looks for the wearer in the next picture.
+    pub fn lose_face(&mut self) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.lose();
+        }
+    }
+
+    pub fn set_follow(&mut self, follow: Follow) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.set_follow(follow);
+        }
+    }
+
+    /// Forgets whose face was followed.
     pub fn forget_face(&mut self) {
         if let Some(tracker) = &mut self.tracker {
             tracker.forget();
@@ -144,7 +165,9 @@ pub fn find<'a>(
         Content::Face { face, .. } => return Ok(*face),
     };
     let Some(tracker) = tracker else { return Ok(None) };
-    let Some(region) = timed(&mut times.detect, || tracker.detect(picture))? else { return Ok(None) };
+    let Some(region) = timed(&mut times.detect, || tracker.detect(picture, frame.captured_us))? else {
+        return Ok(None);
+    };
     timed(&mut times.mesh, || tracker.landmarks(picture, &region).map(drop))?;
     Ok(tracker.face())
 }

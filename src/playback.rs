@@ -12,7 +12,7 @@ use facewire_packet::{Pose, Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, FrameFault, Source};
 use crate::config::FailsafeSettings;
-use crate::pipeline::{Pipeline, SetupError};
+use crate::pipeline::{Pipeline, Rejected, SetupError};
 use crate::service::ServiceError;
 use crate::service::failsafe::{Failsafe, History};
 
@@ -73,17 +73,18 @@ impl Playback {
             Err(error) => return Err(error.into()),
         };
         if face.landmarks.as_deref().is_some_and(|landmarks| normalise(landmarks).is_err()) {
-            self.pipeline.forget_face();
+            self.pipeline.lose_face();
         }
         Ok(Some(face))
     }
 
     /// Solves a face. A frame without a solution shows what the service would send.
     pub fn show(&mut self, face: &TrackedFrame) -> Shown {
-        let solution = self.pipeline.process(&face.frame()).solved.ok();
-        if face.landmarks.is_some() && solution.is_none() {
-            self.pipeline.forget_face();
+        let solved = self.pipeline.process(&face.frame()).solved;
+        if matches!(solved, Err(Rejected::Unsolved)) {
+            self.pipeline.lose_face();
         }
+        let solution = solved.ok();
         let pose = solution.as_ref().map(Pose::from);
         let news = pose.map(|pose| (pose, face.time_us)).ok_or(Reason::NoFace);
         let sent = self.failsafe.update(&mut self.history, face.time_us, Some(&news));

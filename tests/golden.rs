@@ -51,7 +51,7 @@ fn track(engine: &dyn Engine, film: &mut dyn Source, most: usize, alter: fn(Pict
         && let Some(frame) = film.next().unwrap()
     {
         let picture = alter(*frame.picture().unwrap());
-        let region = tracker.detect(&picture).unwrap();
+        let region = tracker.detect(&picture, 0).unwrap();
         let landmarks = region.and_then(|region| tracker.landmarks(&picture, &region).unwrap());
         faces.push(landmarks.cloned().unwrap_or(NO_FACE));
     }
@@ -172,7 +172,7 @@ fn engines_find_the_same_landmarks_and_appearance_in_the_same_regions() {
         reference.forget();
         while let Some(frame) = clip.next().unwrap() {
             let picture = frame.picture().unwrap();
-            let region = reference.detect(picture).unwrap().unwrap();
+            let region = reference.detect(picture, 0).unwrap().unwrap();
             expected.push(reference.landmarks(picture, &region).unwrap().unwrap().clone());
             found.push(tracker.landmarks(picture, &region).unwrap().unwrap().clone());
             if expected.len() > APPEARANCE_FRAMES {

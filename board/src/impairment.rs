@@ -49,6 +49,8 @@ impairments! {
     DoubtfulFace = "doubtful-face",
         "the face is hardly recognised or lies on its side: uncover it and look at the camera; if the camera is mounted on its \
          side or upside down, set camera.rotation, which `facewire check` proposes";
+    TurnedAway = "turned-away",
+        "the face is turned away: look towards the camera, or place the camera where the wearer looks";
     HalvedRate = "halved-rate",
         "the camera delivers about half its frame rate or less, as many do to expose longer: add light, or keep the rate with \
          `v4l2-ctl -d /dev/videoN --set-ctrl=exposure_dynamic_framerate=0` (older kernels call it exposure_auto_priority)";

@@ -7,6 +7,7 @@ export const SENTENCES = {
   "small-face": "The face is small in the picture: move closer to the camera, or choose a larger picture.",
   "cut-off-face": "A part of the face is outside the picture: turn the camera, or move back.",
   "doubtful-face": "The face is hardly recognised or lies on its side: uncover it and look at the camera. If the camera is mounted on its side or upside down, turn its picture in the settings.",
+  "turned-away": "The face is turned away: look towards the camera, or place the camera where the wearer looks.",
   "halved-rate": "The camera delivers about half its frame rate or less, as many do to expose longer: add light.",
   "missing-frames": "Frames get lost between camera and board: use a USB port of its own and a short cable, or choose a smaller picture.",
   "frozen-picture": "The picture does not change at all: open the shutter of the camera, add light, or unplug it and plug it in again. If a program sends the picture, restart that program.",

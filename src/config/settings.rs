@@ -11,7 +11,7 @@ use super::{
 };
 use facewire_board::HardwareSettings;
 use facewire_face::{
-    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rotation, Rules, Wears,
+    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Follow, Group, NeutralMode, Rotation, Rules, Wears,
 };
 use tracing::level_filters::LevelFilter;
 
@@ -77,6 +77,7 @@ section! {
         folder: String = String::new(), text(ANY_TEXT);
         neutral: NeutralMode = NeutralMode::Auto, choice();
         wears: Wears = Wears::Nothing, choice();
+        follow: Follow = Follow::Wearer, choice();
     }
 
     FailsafeSettings {
@@ -195,3 +196,4 @@ choices! {
 }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
 choices! { Wears: Nothing = "nothing", Headset = "headset", Mask = "mask" }
+choices! { Follow: Nearest = "nearest", Centre = "centre", Wearer = "wearer" }

@@ -206,6 +206,7 @@ impl HotLoop {
         self.watch = Watch::new(HOLD_US);
         self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
         self.counters.impairments.set(Impairment::FrozenPicture, false);
+        self.counters.impairments.set(Impairment::TurnedAway, false);
         self.motion = Motion::Moving;
         camera.source.close()?;
         outcome
@@ -245,6 +246,7 @@ impl HotLoop {
             camera.source.leave_out_until(self.timing.wanted_us());
             if let Some(pipeline) = &mut self.pipeline {
                 pipeline.set_turns(step.has_turns());
+                pipeline.set_follow(self.settings.wearer.follow);
             }
             let was_doubtful = self.watch.is_doubtful();
             let outcome = match camera.next() {
@@ -290,6 +292,7 @@ impl HotLoop {
         add(&counters.frames, 1);
         let solved = processed.solved.as_ref();
         counters.set_visibility(solved.map_or(Visibility::WHOLE, |solution| solution.visibility));
+        counters.impairments.set(Impairment::TurnedAway, matches!(solved, Err(Rejected::TurnedAway)));
         let counter = match solved {
             Ok(solution) => {
                 let solver = processed.solver;

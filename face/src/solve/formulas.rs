@@ -103,7 +103,14 @@ mod tests {
             FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
         let regression = Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) });
-        Model { regression, appearance: None, gaze: None, eyes: None, pictures: [0.0; COEFFS], correction: Correction::default() }
+        Model {
+            regression,
+            appearance: None,
+            gaze: None,
+            eyes: None,
+            pictures: [0.0; COEFFS],
+            correction: Correction::default(),
+        }
     }
 
     fn turned() -> Normalised {

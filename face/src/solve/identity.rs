@@ -38,10 +38,11 @@ struct Measure {
     depth: f32,
 }
 
-const COUNT: usize = 14;
+/// Number of measures of a shape.
+pub(crate) const SHAPE: usize = 14;
 /// The measures that told people in films apart best. All lengths are eye distances.
 #[rustfmt::skip]
-const MEASURES: [Measure; COUNT] = [
+const MEASURES: [Measure; SHAPE] = [
     Measure { landmarks: [389, 162], axis: X, deviation: 0.0151, value: 2.187, depth: -0.687 },
     Measure { landmarks: [288, 58], axis: Y, deviation: 0.0068, value: -1.074, depth: -0.751 },
     Measure { landmarks: [417, 193], axis: X, deviation: 0.0037, value: 0.248, depth: 0.233 },
@@ -58,7 +59,7 @@ const MEASURES: [Measure; COUNT] = [
     Measure { landmarks: [454, 234], axis: Z, deviation: 0.0138, value: -0.899, depth: -0.899 },
 ];
 
-type Shape = [f32; COUNT];
+pub(crate) type Shape = [f32; SHAPE];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
@@ -91,7 +92,7 @@ impl Identity {
     }
 
     pub(super) fn update(&mut self, face: &Normalised, dt_s: f32) -> Verdict {
-        if face.turns().iter().zip(MOST_TURN).any(|(turn, most)| !(turn.abs() <= most)) {
+        if !is_frontal(face) {
             return if self.different_s > 0.0 { Verdict::Doubtful } else { Verdict::Same };
         }
         let shape = shape(face);
@@ -128,7 +129,7 @@ impl Identity {
         remove(&mut difference, &scale);
         remove(&mut difference, &perspective);
         let [recent, wearer] = [&self.recent, &self.wearer].map(|average| average.seconds.max(LEAST_SUM_S));
-        dot(&difference, &difference) / (COUNT - 2) as f32 / (RECENT_S / recent + RECENT_S / wearer)
+        dot(&difference, &difference) / (SHAPE - 2) as f32 / (RECENT_S / recent + RECENT_S / wearer)
     }
 }
 
@@ -139,6 +140,15 @@ impl Average {
         let passed = if self.seconds > 0.0 { dt_s / self.seconds } else { 1.0 };
         approach(&mut self.shape, shape, passed);
     }
+}
+
+/// The measures in units of their deviations, of a face that faces the camera.
+pub(crate) fn shape_of_frontal(face: &Normalised) -> Option<Shape> {
+    is_frontal(face).then(|| shape(face))
+}
+
+fn is_frontal(face: &Normalised) -> bool {
+    face.turns().iter().zip(MOST_TURN).all(|(turn, most)| turn.abs() <= most)
 }
 
 fn shape(face: &Normalised) -> Shape {

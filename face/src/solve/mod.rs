@@ -15,7 +15,7 @@ mod features;
 mod filter;
 mod formulas;
 mod gaze;
-mod identity;
+pub(crate) mod identity;
 mod neutral_estimate;
 mod output;
 mod plausible;
@@ -23,6 +23,7 @@ mod pose;
 mod regression;
 mod smoothing;
 mod solver;
+mod turned;
 mod view;
 
 use crate::model::Model;

@@ -8,7 +8,7 @@ use thiserror::Error;
 use super::{
     Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
     Reference, Rules, affine::normalise_in_view, correct, gaze::Offset, mirror_image,
-    neutral_estimate::NeutralEstimate, output::Crossfade, plausible::GazeState, view::View,
+    neutral_estimate::NeutralEstimate, output::Crossfade, plausible::GazeState, turned, view::View,
 };
 use crate::track::Face;
 
@@ -32,6 +32,8 @@ pub struct Solution {
     pub neutral_face: NeutralFace,
     /// How much of each part of the face is in view. Left and right are those of the coefficients.
     pub visibility: Visibility,
+    /// Whether the face is turned so far from the camera that its pose and coefficients are not to be trusted.
+    pub is_turned_away: bool,
 }
 
 impl From<&Solution> for Pose {
@@ -127,6 +129,7 @@ struct History {
     estimate: NeutralEstimate,
     gaze_offset: Offset,
     gaze: GazeState,
+    away: turned::Away,
     filters: FiltersState,
     crossfade: Crossfade,
     last_us: Option<u64>,
@@ -193,7 +196,10 @@ impl Solver {
         let raw_head = HeadPose::new(&face, camera);
         let Shaping { rules, filters, adjustments } = &self.shaping;
         let history = &mut self.history;
-        let plausible = rules.step(&mut history.gaze, corrected, step_s);
+        let [yaw_deg, ..] = raw_head.yaw_pitch_roll_deg();
+        let is_turned_away = history.away.step(yaw_deg, step_s);
+        let mut plausible = rules.step(&mut history.gaze, corrected, step_s);
+        turned::fade(&mut plausible.0, yaw_deg);
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
         adjustments.apply(&mut smoothed.0);
@@ -204,7 +210,7 @@ impl Solver {
         }
         history.crossfade.step(&mut smoothed, &mut head, step_s);
         adjustments.limit(&mut smoothed.0);
-        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face, visibility })
+        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face, visibility, is_turned_away })
     }
 
     /// Replaces the profile. The output does not jump.

@@ -4,6 +4,8 @@
 
 use std::iter;
 
+use heapless::Vec;
+
 use crate::infer::{Engine, InferError, Network, Signature};
 use crate::picture::Picture;
 
@@ -19,6 +21,8 @@ const MIN_SCORE: f32 = 0.5;
 const SCORE_CLIP: f32 = 100.0;
 /// Boxes with a larger intersection over union than this belong to the same face.
 const SAME_FACE_IOU: f32 = 0.3;
+/// Most faces of a picture that are told apart.
+pub const MOST_FACES: usize = 4;
 
 static SIGNATURE: Signature = Signature {
     name: "detector",
@@ -42,14 +46,33 @@ impl Detector {
     /// Returns the region of interest around the face with the highest score that is not among the `known` ones, or `None`
     /// if there is no face.
     pub fn find(&mut self, picture: &Picture, known: &[FaceBox]) -> Result<Option<FaceBox>, InferError> {
-        let [width, height] = picture.size_px();
-        let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
-        crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
-        self.network.run()?;
+        let view = self.run(picture)?;
         let region = |candidate: &Candidate| candidate.region(&view.mapping());
         let is_known = |new: &Candidate| known.iter().any(|face| region(new).is_some_and(|new| face.is_same(&new)));
         let all = candidates(self.network.output(0), self.network.output(1));
         Ok(strongest(all.filter(|candidate| !is_known(candidate))).and_then(|face| region(&face)))
+    }
+
+    /// Returns the regions of interest around all faces, but the weakest of many, the one with the highest score first.
+    pub fn find_all(&mut self, picture: &Picture) -> Result<Vec<FaceBox, MOST_FACES>, InferError> {
+        let view = self.run(picture)?;
+        let mut found: Vec<Candidate, MOST_FACES> = Vec::new();
+        while !found.is_full() {
+            let all = candidates(self.network.output(0), self.network.output(1));
+            let is_new = |new: &Candidate| found.iter().all(|face| !face.is_same(new));
+            let Some(face) = strongest(all.filter(is_new)) else { break };
+            let _ = found.push(face);
+        }
+        Ok(found.iter().filter_map(|face| face.region(&view.mapping())).collect())
+    }
+
+    /// Runs the network on the whole picture, and returns the region that it has seen.
+    fn run(&mut self, picture: &Picture) -> Result<FaceBox, InferError> {
+        let [width, height] = picture.size_px();
+        let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
+        crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
+        self.network.run()?;
+        Ok(view)
     }
 }
 
@@ -71,6 +94,15 @@ impl Candidate {
         let other_area = (other_right - other_left) * (other_bottom - other_top);
         let shared = width * height;
         shared / (area + other_area - shared).max(f32::EPSILON)
+    }
+
+    /// Whether both boxes are of the same face: weak candidates of one face may hardly overlap its box.
+    fn is_same(&self, other: &Self) -> bool {
+        let [left, top, right, bottom, ..] = self.values;
+        let [other_left, other_top, other_right, other_bottom, ..] = other.values;
+        let x = f32::midpoint(other_left, other_right);
+        let y = f32::midpoint(other_top, other_bottom);
+        self.overlap(other) > SAME_FACE_IOU || ((left..right).contains(&x) && (top..bottom).contains(&y))
     }
 
     fn region(&self, view: &Mapping) -> Option<FaceBox> {

@@ -102,7 +102,7 @@ impl Appearance {
 }
 
 /// Side of the region divided by the longer side of the box around the face.
-const MARGIN: f32 = 1.5;
+pub(super) const MARGIN: f32 = 1.5;
 /// Outer corners of the eyes: the person's right eye, which is on the left of an unmirrored picture, then the left eye.
 const EYE_CORNERS: [usize; 2] = [33, 263];
 

@@ -12,6 +12,7 @@ mod mesh;
 mod parts;
 pub(crate) mod refinement;
 pub(crate) mod visible;
+mod wearer;
 
 use std::f32::consts::FRAC_PI_4;
 
@@ -27,36 +28,87 @@ pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
 pub use parts::{PART_SIDE, PartValues, Parts};
 pub use visible::{InView, Visible};
+pub use wearer::Follow;
+use wearer::{Verdict, Wearer};
 
-/// The networks, and the region of the face that they follow.
+/// While it is watched whether the wearer appears, one picture in this many is searched. While the wearer is looked for among
+/// others, it is one in the second number.
+const WATCH_EVERY: u32 = 10;
+const SEARCH_EVERY: u32 = 3;
+/// Longest time from one picture to the next that counts, seconds.
+const LONGEST_STEP_S: f32 = 1.0;
+
+/// The networks, the region of the face that they follow, and whose face it is.
 pub struct Tracker {
     detector: Detector,
     mesh: Mesh,
     region: Option<FaceBox>,
+    wearer: Wearer,
+    /// Whether the face in the region is the wearer's, rather than one that may be.
+    is_wearer: bool,
+    time_us: Option<u64>,
+    step_s: f32,
+    since_search: u32,
 }
 
 impl Tracker {
     /// Loads all networks.
     pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
-        Ok(Self { detector: Detector::load(engine)?, mesh: Mesh::load(engine)?, region: None })
+        Ok(Self {
+            detector: Detector::load(engine)?,
+            mesh: Mesh::load(engine)?,
+            region: None,
+            wearer: Wearer::default(),
+            is_wearer: false,
+            time_us: None,
+            step_s: 0.0,
+            since_search: 0,
+        })
     }
 
-    /// Returns the region to search: around the landmarks of the previous picture, or where the detector finds a face.
-    pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
-        if self.region.is_none() {
-            self.region = self.detector.find(picture, &[])?;
+    /// Returns the region to search of a picture that was taken at `time_us`: around the landmarks of the previous picture, or
+    /// where the detector finds the face to follow.
+    pub fn detect(&mut self, picture: &Picture, time_us: u64) -> Result<Option<FaceBox>, InferError> {
+        let step_us = self.time_us.replace(time_us).and_then(|last_us| time_us.checked_sub(last_us));
+        self.step_s = step_us.map_or(0.0, |step_us| step_us as f32 / 1e6).min(LONGEST_STEP_S);
+        self.since_search = self.since_search.saturating_add(1);
+        if !self.is_wearer {
+            self.wearer.miss(self.step_s);
+        }
+        let size_px = picture.size_px();
+        let every = match self.region {
+            Some(_) if !self.wearer.is_watched() => return Ok(self.region),
+            Some(_) => WATCH_EVERY,
+            None if self.wearer.is_wary => SEARCH_EVERY,
+            None => 1,
+        };
+        if self.since_search < every {
+            return Ok(self.region);
+        }
+        self.since_search = 0;
+        let faces = self.detector.find_all(picture)?;
+        let chosen = match &self.region {
+            Some(region) => self.wearer.better(region, &faces, size_px),
+            None => self.wearer.choose(&faces, size_px),
+        };
+        if chosen.is_some() {
+            self.region = chosen;
             self.mesh.turn = None;
         }
         Ok(self.region)
     }
 
-    /// Returns the landmarks of the face in `region`, in pixels of the picture. If there is none, forgets the region.
+    /// Returns the landmarks of the face in `region`, in pixels of the picture, if it is the wearer's. Forgets the region if there
+    /// is no face, or another one.
     pub fn landmarks(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         // If a network fails, the landmarks are half written: there is no face then.
         self.region = None;
-        let found = self.mesh.find(picture, region)?;
-        self.region = found.and_then(FaceBox::following);
-        Ok(found)
+        self.is_wearer = false;
+        let Some(next) = self.mesh.find(picture, region)?.and_then(FaceBox::following) else { return Ok(None) };
+        let verdict = self.wearer.judge(&self.mesh.face(), &next, self.step_s);
+        self.is_wearer = verdict == Verdict::Wearer;
+        self.region = Some(next).filter(|_| verdict != Verdict::Other);
+        Ok(self.face().map(|face| face.landmarks))
     }
 
     /// Searches the picture for a face that stands upright, and returns its [`score`](Appearance::score), or 0 if there is
@@ -72,7 +124,7 @@ impl Tracker {
 
     /// The face in the last picture, if there was one.
     pub fn face(&self) -> Option<Face<'_>> {
-        self.region.and(Some(self.mesh.face()))
+        self.region.filter(|_| self.is_wearer).and(Some(self.mesh.face()))
     }
 
     /// Sets whether the heads of the mesh take turns ([`Mesh`]).
@@ -80,9 +132,20 @@ impl Tracker {
         self.mesh.by_turns = by_turns;
     }
 
-    /// Forgets the region, so that the detector searches the next picture.
+    /// Sets which face is followed when there are several.
+    pub fn set_follow(&mut self, follow: Follow) {
+        self.wearer.follow = follow;
+    }
+
+    /// Gives up the region, because its landmarks are of no use. The detector searches the next picture for the wearer.
+    pub fn lose(&mut self) {
+        self.region = None;
+    }
+
+    /// Forgets whose face was followed, so that the detector searches the next picture for any.
     pub fn forget(&mut self) {
         self.region = None;
+        self.wearer.forget();
     }
 }
 
@@ -124,7 +187,7 @@ mod tests {
 
     /// Finds the face in the next picture.
     fn follow(tracker: &mut Tracker) -> Result<Option<Landmarks>, String> {
-        tracker.detect(&picture()).expect("a run").expect("a face");
+        tracker.detect(&picture(), 0).expect("a run").expect("a face");
         let outcome = tracker.landmarks(&picture(), &WHOLE).map(Option::<&Landmarks>::cloned);
         assert_eq!(tracker.face().is_some(), matches!(outcome, Ok(Some(_))));
         outcome.map_err(|error| error.to_string())
@@ -149,13 +212,13 @@ mod tests {
             }
             Ok(())
         });
-        assert_eq!(tracker.detect(&picture()).expect("a run"), None);
+        assert_eq!(tracker.detect(&picture(), 0).expect("a run"), None);
         for _ in 0..3 {
             assert!(follow(&mut tracker).is_ok_and(|found| found.is_some()));
         }
         assert_eq!(runs[0].load(Relaxed), 2);
         tracker.forget();
-        assert!(tracker.detect(&picture()).expect("a run").is_some());
+        assert!(tracker.detect(&picture(), 0).expect("a run").is_some());
         assert_eq!(runs[0].load(Relaxed), 3);
     }
 

@@ -1,0 +1,408 @@
+//! Which face is followed when there are several, and whether the landmarks are still those of the wearer.
+//!
+//! While a face is followed, its place, its score, its rigid shape and its look in the mesh network's feature map are averaged.
+//! Somebody who passes in front of it leaves traces: for some frames the landmarks are a mixture of two faces, whose shape is none
+//! and whose score is low, or the face jumps. If it is elsewhere or looks different after that, it is another one. The wearer is
+//! then searched for near where they were; a face that is found there has to stay and to look alike for some frames. The longer
+//! the wearer is away, the farther away they may come back, until another face is taken in their place.
+//!
+//! In rendered videos of ten people, a shape that is averaged over a second differs by at most 5 from that of a single frame, and
+//! by 10 to 90 while two faces mix. Limits: someone with a similar face who stops for half a second right in front of the
+//! wearer, at the same distance from the camera, counts as the wearer.
+
+use super::landmarks::{Face, FaceBox};
+use crate::model::APPEARANCE_CHANNELS;
+use crate::solve::identity::{SHAPE, shape_of_frontal};
+use crate::solve::normalise;
+
+/// Which face is followed when several are in the picture and none of them is followed yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Follow {
+    /// The largest one.
+    Nearest,
+    /// The one nearest to the middle of the picture.
+    Centre,
+    /// The one that is where the wearer was and looks like the wearer; as long as none is known, a large one near the middle.
+    #[default]
+    Wearer,
+}
+
+/// Standard deviation of each channel of the feature map, averaged over the face, from its mean over a second.
+const SKIN_DEVIATION: [f32; APPEARANCE_CHANNELS] = [
+    0.16, 0.10, 0.24, 0.14, 0.13, 0.11, 0.12, 0.10, 0.10, 0.18, 0.08, 0.20, 0.14, 0.17, 0.06, 0.15, 0.09, 0.02, 0.08,
+    0.05, 0.06, 0.06, 0.06, 0.04, 0.06, 0.05, 0.06, 0.08, 0.06, 0.04, 0.07, 0.11,
+];
+/// That of the measures of the shape, which are in units of the deviation of longer averages.
+const SHAPE_DEVIATION: f32 = 1.8;
+
+/// Times over which the look, the place shortly before and the usual place are averaged, seconds.
+const LOOK_S: f32 = 1.0;
+const PLACE_S: f32 = 0.15;
+const SEAT_S: f32 = 3.0;
+/// Time for which a face has to be followed before it is known, seconds.
+const KNOWN_S: f32 = 0.5;
+/// Longest time that counts from one frame to the next, and the shortest, seconds.
+const STEPS_S: [f32; 2] = [1.0 / 30.0, 0.1];
+
+/// A shape that differs by more is a mixture of two faces, or the face is covered. So is one with a lower share of the usual score.
+const MIXED: f32 = 10.0;
+const COVERED: f32 = 0.65;
+/// Fastest movement of heads, sizes of the face a second, and their fastest change of size.
+const MOST_SPEED: f32 = 4.0;
+const MOST_ZOOM: f32 = 4.0;
+/// Time for which a face is in doubt after the last trace of another one, seconds.
+const DOUBT_S: f32 = 0.3;
+/// Distance from where the face was, in its sizes, and relative change of size from which on a face in doubt is another one.
+const ELSEWHERE: f32 = 0.2;
+/// Time over which the place of a face in doubt is averaged, seconds. A wearer who drinks moves more slowly than one who passes.
+const DOUBT_PLACE_S: f32 = 0.4;
+
+/// What a face that may be the wearer's may differ by: the look, the place in sizes of the face, and the size. The last two
+/// grow by the second for each second since the wearer was seen last.
+const LOOK: f32 = 12.0;
+const NEAR: [f32; 2] = [0.5, 0.4];
+const SIZE: [f32; 2] = [0.4, 0.2];
+/// Time after which another face is taken in place of the wearer's, and after which one is taken by another rule, seconds.
+const PATIENCE_S: f32 = 5.0;
+const SHORT_PATIENCE_S: f32 = 1.0;
+/// Number of frames in which a face must be like the wearer's. It must not move faster than this meanwhile, sizes a second.
+const TRIAL: u32 = 3;
+const TRIAL_SPEED: f32 = 1.6;
+/// Time after which a face that stays may look twice as different: the wearer may have put on glasses, or be half covered.
+const STAY_S: f32 = 0.7;
+/// A face that differs by less than this share of what is allowed is the wearer's at once, if no other was in its place.
+const SURE: f32 = 0.5;
+
+/// Time for which it is watched whether the wearer appears beside the face that is followed: after a doubt, after a first
+/// face was found, and after another one was taken, seconds.
+const AFTER_DOUBT_S: f32 = 3.0;
+const AFTER_FIRST_S: f32 = 5.0;
+const AFTER_OTHER_S: f32 = 30.0;
+/// How much larger or nearer to the middle a face must be to be a better choice than the one found first.
+const CLEARLY: f32 = 0.3;
+/// How much nearer to the middle, as a share of the longer side of the picture, makes up for a face that is 2.7 times as small.
+const MIDDLE: f32 = 2.0;
+
+/// What is known of the face that is followed, and what is in doubt.
+#[derive(Debug, Default)]
+pub(super) struct Wearer {
+    pub(super) follow: Follow,
+    look: Look,
+    known_s: f32,
+    score: f32,
+    place: Place,
+    seat: Place,
+    last: Option<Place>,
+    doubt_s: f32,
+    /// For how long the wearer has not been seen.
+    pub(super) away_s: f32,
+    /// Frames of the trial that are left, and for how long it has lasted.
+    trial: u32,
+    stay_s: f32,
+    /// Whether a face that was followed turned out to be another one.
+    pub(super) is_wary: bool,
+    watch: Watch,
+    watch_s: f32,
+}
+
+/// Why it is watched whether the wearer appears.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Watch {
+    #[default]
+    Doubt,
+    /// The face is the first one.
+    First,
+    /// The face is not the wearer's.
+    Other,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Wearer,
+    /// It is not decided yet.
+    Open,
+    Other,
+}
+
+/// The middle and the size of a face in the picture, pixels.
+#[derive(Debug, Clone, Copy, Default)]
+struct Place {
+    centre: [f32; 2],
+    size: f32,
+}
+
+impl From<&FaceBox> for Place {
+    fn from(&FaceBox { centre, size, .. }: &FaceBox) -> Self {
+        // That of the face, without the margin of the region.
+        Self { centre, size: size / super::landmarks::MARGIN }
+    }
+}
+
+impl Place {
+    /// The distance in sizes of this face.
+    fn distance(&self, other: &Self) -> f32 {
+        let [x, y] = self.centre;
+        let [other_x, other_y] = other.centre;
+        (other_x - x).hypot(other_y - y) / self.size.max(1.0)
+    }
+
+    /// The natural logarithm of the ratio of the sizes, without its sign.
+    fn zoom(&self, other: &Self) -> f32 {
+        (other.size.max(1.0) / self.size.max(1.0)).ln().abs()
+    }
+
+    fn approach(&mut self, to: &Self, passed: f32) {
+        approach(&mut self.centre, &to.centre, passed);
+        self.size += passed * (to.size - self.size);
+    }
+}
+
+/// How a face looks: the mean of the feature map over the landmarks, and the shape, in units of their deviations. The shape is
+/// known of frames in which the face faces the camera.
+#[derive(Debug, Default)]
+struct Look {
+    skin: [f32; APPEARANCE_CHANNELS],
+    shape: [f32; SHAPE],
+    shape_s: f32,
+}
+
+/// The look in one frame.
+struct Seen {
+    skin: [f32; APPEARANCE_CHANNELS],
+    shape: Option<[f32; SHAPE]>,
+}
+
+/// How the look of a frame differs, each as a mean square.
+#[derive(Clone, Copy)]
+struct Difference {
+    skin: f32,
+    shape: Option<f32>,
+}
+
+impl Seen {
+    fn new(face: &Face) -> Self {
+        let mut skin = [0.0; APPEARANCE_CHANNELS];
+        if let Some(appearance) = face.appearance {
+            let share = 1.0 / appearance.skin.len().max(1) as f32;
+            for row in &appearance.skin {
+                skin.iter_mut().zip(row).for_each(|(sum, value)| *sum += share * value);
+            }
+        }
+        skin.iter_mut().zip(SKIN_DEVIATION).for_each(|(value, deviation)| *value /= deviation);
+        let shape = normalise(face.landmarks).ok().and_then(|face| shape_of_frontal(&face));
+        Self { skin, shape: shape.map(|shape| shape.map(|value| value / SHAPE_DEVIATION)) }
+    }
+}
+
+impl Look {
+    fn difference(&self, seen: &Seen) -> Difference {
+        let shape = seen.shape.filter(|_| self.shape_s > 0.0);
+        Difference {
+            skin: mean_square(&self.skin, &seen.skin),
+            shape: shape.map(|seen| mean_square(&self.shape, &seen)),
+        }
+    }
+
+    fn learn(&mut self, seen: &Seen, known_s: f32, step_s: f32) {
+        approach(&mut self.skin, &seen.skin, share(step_s, known_s.min(LOOK_S)));
+        if let Some(shape) = &seen.shape {
+            approach(&mut self.shape, shape, share(step_s, self.shape_s));
+            self.shape_s = (self.shape_s + step_s).min(LOOK_S);
+        }
+    }
+}
+
+impl Difference {
+    /// The look of a face that does not face the camera is known by half.
+    fn sum(self) -> f32 {
+        self.skin + self.shape.unwrap_or(self.skin)
+    }
+
+    fn is_mixed(self) -> bool {
+        self.shape.is_some_and(|shape| shape > MIXED)
+    }
+}
+
+impl Wearer {
+    /// Lets time pass in which the wearer is not seen.
+    pub(super) fn miss(&mut self, step_s: f32) {
+        self.away_s += step_s;
+    }
+
+    /// Forgets all but the rule.
+    pub(super) fn forget(&mut self) {
+        *self = Self { follow: self.follow, ..Self::default() };
+    }
+
+    fn is_known(&self) -> bool {
+        self.known_s >= KNOWN_S
+    }
+
+    fn is_patient(&self) -> bool {
+        let patience_s = if self.follow == Follow::Wearer { PATIENCE_S } else { SHORT_PATIENCE_S };
+        self.is_known() && self.away_s < patience_s
+    }
+
+    /// The face to follow of those that the detector has found in a picture of this size.
+    pub(super) fn choose(&mut self, faces: &[FaceBox], size_px: [f32; 2]) -> Option<FaceBox> {
+        self.last = None;
+        let place = |face: &FaceBox| self.strangeness_of_place(&Place::from(face));
+        let merit = |face: &FaceBox| self.merit(face, size_px);
+        if self.is_patient() {
+            let nearest = faces.iter().min_by(|one, other| place(one).total_cmp(&place(other)));
+            let chosen = *nearest.filter(|face| place(face) < 1.0)?;
+            (self.trial, self.stay_s) = (TRIAL, 0.0);
+            return Some(chosen);
+        }
+        let best = *faces.iter().max_by(|one, other| merit(one).total_cmp(&merit(other)))?;
+        self.trial = 0;
+        (self.watch, self.watch_s) =
+            if self.is_known() { (Watch::Other, AFTER_OTHER_S) } else { (Watch::First, AFTER_FIRST_S) };
+        if self.watch == Watch::First {
+            self.forget_look();
+        }
+        Some(best)
+    }
+
+    /// Another face that is to be followed instead of the one in `region`, if there is one.
+    pub(super) fn better(&mut self, region: &FaceBox, faces: &[FaceBox], size_px: [f32; 2]) -> Option<FaceBox> {
+        let mine = Place::from(region);
+        let others = faces.iter().filter(|face| !region.is_same(face));
+        let away = |face: &FaceBox| self.seat.distance(&Place::from(face));
+        if self.watch == Watch::First {
+            let merit = |face: &FaceBox| self.merit(face, size_px);
+            let best = *others.max_by(|one, other| merit(one).total_cmp(&merit(other)))?;
+            if merit(&best) < merit(region) + CLEARLY {
+                return None;
+            }
+            self.forget_look();
+            return Some(best);
+        }
+        let best = *others.min_by(|one, other| away(one).total_cmp(&away(other)))?;
+        let is_back =
+            self.strangeness_of_place(&Place::from(&best)) < 1.0 && away(&best) + ELSEWHERE < self.seat.distance(&mine);
+        is_back.then(|| {
+            (self.trial, self.stay_s) = (TRIAL, 0.0);
+            self.last = None;
+            best
+        })
+    }
+
+    pub(super) fn is_watched(&self) -> bool {
+        self.watch_s > 0.0 && self.trial == 0
+    }
+
+    /// Judges a face that was found `step_s` after the last frame, and learns from it.
+    pub(super) fn judge(&mut self, face: &Face, region: &FaceBox, step_s: f32) -> Verdict {
+        let place = Place::from(region);
+        let seen = Seen::new(face);
+        let difference = self.look.difference(&seen);
+        let last = self.last.replace(place).unwrap_or(place);
+        let speed = last.distance(&place) / step_s.max(STEPS_S[0]);
+        let zoom = last.zoom(&place) / step_s.max(STEPS_S[0]);
+        let score = face.appearance.map_or(0.0, |appearance| appearance.score);
+        self.watch_s -= step_s;
+        if self.trial > 0 {
+            return self.try_face(&place, difference, speed, step_s);
+        }
+        self.away_s = 0.0;
+        let is_other = self.watch == Watch::Other && self.watch_s > 0.0;
+        if is_other {
+            return Verdict::Wearer;
+        }
+        if self.is_known() {
+            let is_covered = score < COVERED * self.score;
+            let is_traced = is_covered || difference.is_mixed() || speed > MOST_SPEED || zoom > MOST_ZOOM;
+            self.doubt_s = if is_traced { DOUBT_S } else { self.doubt_s - step_s };
+            if self.doubt_s > 0.0 {
+                return self.doubt(&place, step_s);
+            }
+        }
+        self.learn(&place, &seen, score, step_s.min(STEPS_S[1]));
+        Verdict::Wearer
+    }
+
+    /// Judges a face while it is in doubt.
+    fn doubt(&mut self, place: &Place, step_s: f32) -> Verdict {
+        (self.watch, self.watch_s) = (Watch::Doubt, AFTER_DOUBT_S);
+        if self.place.distance(place) > ELSEWHERE || self.place.zoom(place) > ELSEWHERE {
+            self.is_wary = true;
+            self.doubt_s = 0.0;
+            return Verdict::Other;
+        }
+        self.place.approach(place, share(step_s, DOUBT_PLACE_S));
+        Verdict::Wearer
+    }
+
+    /// Judges a face that may be the wearer's.
+    fn try_face(&mut self, place: &Place, difference: Difference, speed: f32, step_s: f32) -> Verdict {
+        // In the region of the detector, the landmarks are not exact yet.
+        let is_first = self.trial == TRIAL && self.stay_s <= 0.0;
+        self.stay_s += step_s;
+        let of_place = self.strangeness_of_place(place);
+        let of_look = difference.sum() / (LOOK * (1.0 + (self.stay_s / STAY_S).powi(2)));
+        if of_place > (if is_first { 2.0 } else { 1.0 }) || (!is_first && speed > TRIAL_SPEED) {
+            self.is_wary = true;
+            return Verdict::Other;
+        }
+        let strangeness = of_place + of_look;
+        if strangeness <= 1.0 {
+            self.trial -= 1;
+        }
+        if strangeness < SURE && !self.is_wary {
+            self.trial = 0;
+        }
+        if self.trial > 0 {
+            return Verdict::Open;
+        }
+        self.is_wary = false;
+        self.away_s = 0.0;
+        self.place = *place;
+        Verdict::Wearer
+    }
+
+    fn learn(&mut self, place: &Place, seen: &Seen, score: f32, step_s: f32) {
+        self.look.learn(seen, self.known_s, step_s);
+        self.score += share(step_s, self.known_s.min(LOOK_S)) * (score - self.score);
+        self.place.approach(place, share(step_s, self.known_s.min(PLACE_S)));
+        self.seat.approach(place, share(step_s, self.known_s.min(SEAT_S)));
+        self.known_s = (self.known_s + step_s).min(SEAT_S);
+    }
+
+    fn forget_look(&mut self) {
+        (self.known_s, self.look, self.last, self.is_wary) = (0.0, Look::default(), None, false);
+        (self.doubt_s, self.away_s) = (0.0, 0.0);
+    }
+
+    /// How little a place suits the wearer: up to 1 it may be theirs.
+    fn strangeness_of_place(&self, place: &Place) -> f32 {
+        let [near, size] = [NEAR, SIZE].map(|[at_once, per_s]| at_once + per_s * self.away_s);
+        let strangeness = |from: &Place| from.distance(place) / near + from.zoom(place) / size;
+        strangeness(&self.place).min(strangeness(&self.seat))
+    }
+
+    fn merit(&self, face: &FaceBox, [width, height]: [f32; 2]) -> f32 {
+        let Place { centre: [x, y], size } = face.into();
+        let longer = width.max(height);
+        let near = (size / longer).max(f32::EPSILON).ln();
+        let middle = -(x - 0.5 * width).hypot(y - 0.5 * height) / longer;
+        match self.follow {
+            Follow::Nearest => near,
+            Follow::Centre => MIDDLE * middle,
+            Follow::Wearer => near + MIDDLE * middle,
+        }
+    }
+}
+
+/// Share of a new value in an average over `average_s`.
+fn share(step_s: f32, average_s: f32) -> f32 {
+    if average_s > 0.0 { (step_s / (average_s + step_s)).min(1.0) } else { 1.0 }
+}
+
+fn approach(values: &mut [f32], to: &[f32], share: f32) {
+    values.iter_mut().zip(to).for_each(|(value, to)| *value += share * (to - *value));
+}
+
+fn mean_square(one: &[f32], other: &[f32]) -> f32 {
+    one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum::<f32>() / one.len().max(1) as f32
+}

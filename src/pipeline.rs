@@ -240,6 +240,7 @@ pub fn shaping(settings: &Settings) -> Shaping {
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;
+    solver.wears = settings.wearer.wears;
     Ok(solver)
 }
 

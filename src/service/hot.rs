@@ -398,6 +398,7 @@ impl HotLoop {
             pipeline.tracker = tracker.or(pipeline.tracker.take());
             let solver = &mut pipeline.solver;
             solver.neutral_mode = self.settings.wearer.neutral;
+            solver.wears = self.settings.wearer.wears;
             let shaping = pipeline::shaping(&self.settings);
             let model = model.filter(|model| *model != solver.model);
             if model.is_some() || shaping != solver.shaping {

@@ -165,7 +165,9 @@ pub fn find<'a>(
         Content::Face { face, .. } => return Ok(*face),
     };
     let Some(tracker) = tracker else { return Ok(None) };
-    let Some(region) = timed(&mut times.detect, || tracker.detect(picture, frame.captured_us))? else { return Ok(None) };
+    let Some(region) = timed(&mut times.detect, || tracker.detect(picture, frame.captured_us))? else {
+        return Ok(None);
+    };
     timed(&mut times.mesh, || tracker.landmarks(picture, &region).map(drop))?;
     Ok(tracker.face())
 }
@@ -301,6 +303,35 @@ mod tests {
         assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved)));
         assert!((1..3).all(|number| pipeline.process(&frame(number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
+    }
+
+    #[test]
+    fn a_face_that_is_turned_away_is_rejected_and_followed_until_it_is_back() {
+        let yaw_deg = Arc::new(AtomicUsize::new(0));
+        let turned = Arc::clone(&yaw_deg);
+        let detector_runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&detector_runs);
+        let engine = Scripted::new(move |mut run| {
+            counted.fetch_add(usize::from(run.network == "detector"), Relaxed);
+            show(&mut run, &face([turned.load(Relaxed) as f32, 0.0, 0.0], 60.0, [96.0, 80.0]));
+            Ok(())
+        });
+        let (mut pipeline, _) = pipeline(0);
+        pipeline.tracker = Some(Tracker::load(&engine).unwrap());
+        let mut seen = |number: u64, degrees| {
+            yaw_deg.store(degrees, Relaxed);
+            let frame = frame(number);
+            let processed = pipeline.process(&frame);
+            assert!(processed.face.is_some(), "{degrees} degrees");
+            (matches!(processed.solved, Err(Rejected::TurnedAway)), processed.pose().err())
+        };
+        // The pose is nine tenths of what the drawn face is turned by.
+        let away = (true, Some(Reason::NoFace));
+        let degrees = [0, 30, 45, 60, 70, 63, 58, 30];
+        let got: Vec<_> = (0..).zip(degrees).map(|(number, degrees)| seen(number, degrees)).collect();
+        let back = (false, None);
+        assert_eq!(got, [back, back, back, back, away, away, back, back]);
+        assert_eq!(detector_runs.load(Relaxed), 1);
     }
 
     /// The backbone has written new landmarks then, and a head that fails has not refined them.

@@ -36,7 +36,8 @@ pub(super) fn fade(values: &mut [f32; COEFFS], yaw_deg: f32) {
     }
     for side in SIDES {
         let [left, right] = pick(values, side);
-        let shown = if yaw_deg > 0.0 { [left + share * (right - left), right] } else { [left, right + share * (left - right)] };
+        let shown =
+            if yaw_deg > 0.0 { [left + share * (right - left), right] } else { [left, right + share * (left - right)] };
         put(values, side, shown);
     }
 }
@@ -52,5 +53,59 @@ impl Away {
         let [back, away] = AWAY_DEG;
         self.0 = yaw_deg.abs() > if was_away { back } else { away };
         self.0
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::solve::filter::FRAME_S;
+
+    /// Values that differ from each other.
+    fn values() -> [f32; COEFFS] {
+        core::array::from_fn(|index| index as f32 / 100.0)
+    }
+
+    fn faded(yaw_deg: f32) -> [f32; COEFFS] {
+        let mut values = values();
+        fade(&mut values, yaw_deg);
+        values
+    }
+
+    #[test]
+    fn the_far_eye_brow_and_gaze_follow_the_near_ones_from_45_degrees_on_and_nothing_else_changes() {
+        assert_eq!([faded(45.0), faded(-45.0)], [values(); 2]);
+        let before = values();
+        for (yaw_deg, far) in [(58.0, 0), (-58.0, 1)] {
+            let shown = faded(yaw_deg);
+            for side in SIDES {
+                let near = before[side[1 - far]];
+                assert!((shown[side[far]] - near).abs() < 1e-6, "{yaw_deg}: {side:?}");
+                assert_eq!(shown[side[1 - far]], near, "{yaw_deg}: {side:?}");
+            }
+            let others = (0..COEFFS).filter(|index| !SIDES.as_flattened().contains(index));
+            assert!(others.into_iter().all(|index| shown[index] == before[index]));
+        }
+        assert_eq!(faded(f32::NAN), values());
+    }
+
+    #[test]
+    fn the_far_side_fades_without_a_step() {
+        let angles = (0..900).map(|step| 0.1 * step as f32);
+        for pair in angles.map(faded).collect::<Vec<_>>().windows(2) {
+            let step = pair[0].iter().zip(&pair[1]).map(|(one, other)| (one - other).abs()).fold(0.0, f32::max);
+            assert!(step < 0.01, "{step}");
+        }
+    }
+
+    #[test]
+    fn a_face_is_turned_away_beyond_60_degrees_and_is_back_at_54_or_after_a_gap() {
+        let mut away = Away::default();
+        let mut is_away = |yaw_deg: f32| away.step(yaw_deg, FRAME_S);
+        let seen = [59.0, 61.0, 59.0, 55.0, 53.0, 59.0, -61.0, -55.0, -53.0].map(&mut is_away);
+        assert_eq!(seen, [false, true, true, true, false, false, true, true, false]);
+        assert!(!is_away(f32::NAN));
+        assert!(away.step(61.0, FRAME_S) && !away.step(59.0, 10.0), "nothing is known after a gap");
     }
 }

@@ -327,7 +327,7 @@ mod tests {
         };
         // The pose is nine tenths of what the drawn face is turned by.
         let away = (true, Some(Reason::NoFace));
-        let degrees = [0, 30, 45, 60, 70, 63, 58, 30];
+        let degrees = [0, 30, 45, 60, 66, 58, 54, 30];
         let got: Vec<_> = (0..).zip(degrees).map(|(number, degrees)| seen(number, degrees)).collect();
         let back = (false, None);
         assert_eq!(got, [back, back, back, back, away, away, back, back]);

@@ -306,6 +306,35 @@ mod tests {
         assert_eq!(detector_runs.load(Relaxed), 2);
     }
 
+    #[test]
+    fn a_face_that_is_turned_away_is_rejected_and_followed_until_it_is_back() {
+        let yaw_deg = Arc::new(AtomicUsize::new(0));
+        let turned = Arc::clone(&yaw_deg);
+        let detector_runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&detector_runs);
+        let engine = Scripted::new(move |mut run| {
+            counted.fetch_add(usize::from(run.network == "detector"), Relaxed);
+            show(&mut run, &face([turned.load(Relaxed) as f32, 0.0, 0.0], 60.0, [96.0, 80.0]));
+            Ok(())
+        });
+        let (mut pipeline, _) = pipeline(0);
+        pipeline.tracker = Some(Tracker::load(&engine).unwrap());
+        let mut seen = |number: u64, degrees| {
+            yaw_deg.store(degrees, Relaxed);
+            let frame = frame(number);
+            let processed = pipeline.process(&frame);
+            assert!(processed.face.is_some(), "{degrees} degrees");
+            (matches!(processed.solved, Err(Rejected::TurnedAway)), processed.pose().err())
+        };
+        // The pose is nine tenths of what the drawn face is turned by.
+        let away = (true, Some(Reason::NoFace));
+        let degrees = [0, 30, 45, 60, 66, 58, 54, 30];
+        let got: Vec<_> = (0..).zip(degrees).map(|(number, degrees)| seen(number, degrees)).collect();
+        let back = (false, None);
+        assert_eq!(got, [back, back, back, back, away, away, back, back]);
+        assert_eq!(detector_runs.load(Relaxed), 1);
+    }
+
     /// The backbone has written new landmarks then, and a head that fails has not refined them.
     #[test]
     fn after_a_failed_inference_a_calibration_sees_no_face() {

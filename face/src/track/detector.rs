@@ -4,7 +4,7 @@
 
 use std::iter;
 
-use heapless::Vec;
+use heapless::Vec as FixedVec;
 
 use crate::infer::{Engine, InferError, Network, Signature};
 use crate::picture::Picture;
@@ -54,9 +54,9 @@ impl Detector {
     }
 
     /// Returns the regions of interest around all faces, but the weakest of many, the one with the highest score first.
-    pub fn find_all(&mut self, picture: &Picture) -> Result<Vec<FaceBox, MOST_FACES>, InferError> {
+    pub fn find_all(&mut self, picture: &Picture) -> Result<FixedVec<FaceBox, MOST_FACES>, InferError> {
         let view = self.run(picture)?;
-        let mut found: Vec<Candidate, MOST_FACES> = Vec::new();
+        let mut found: FixedVec<Candidate, MOST_FACES> = FixedVec::new();
         while !found.is_full() {
             let all = candidates(self.network.output(0), self.network.output(1));
             let is_new = |new: &Candidate| found.iter().all(|face| !face.is_same(new));

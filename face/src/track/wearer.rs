@@ -355,9 +355,14 @@ impl Wearer {
         if self.trial > 0 {
             return Verdict::Open;
         }
+        if of_place > SURE && difference.sum() > LOOK {
+            // Nothing speaks for the wearer but that it has stayed.
+            (self.watch, self.watch_s) = (Watch::Other, AFTER_OTHER_S);
+        } else {
+            self.place = *place;
+        }
         self.is_wary = false;
         self.away_s = 0.0;
-        self.place = *place;
         Verdict::Wearer
     }
 
@@ -405,4 +410,156 @@ fn approach(values: &mut [f32], to: &[f32], share: f32) {
 
 fn mean_square(one: &[f32], other: &[f32]) -> f32 {
     one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum::<f32>() / one.len().max(1) as f32
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::testing::face;
+    use crate::track::{Appearance, LANDMARKS, Landmarks};
+
+    const FRAME_S: f32 = 1.0 / 30.0;
+    const SIZE_PX: [f32; 2] = [640.0, 480.0];
+
+    /// A face in a picture of [`SIZE_PX`], as the mesh shows it.
+    #[derive(Clone)]
+    struct Person {
+        at_px: [f32; 2],
+        size_px: f32,
+        /// Which is the same for the same person.
+        skin: f32,
+        score: f32,
+    }
+
+    const WEARER: Person = Person { at_px: [320.0, 240.0], size_px: 150.0, skin: 0.0, score: 25.0 };
+
+    impl Person {
+        fn at(&self, x_px: f32) -> Self {
+            Self { at_px: [x_px, self.at_px[1]], ..self.clone() }
+        }
+
+        fn region(&self) -> FaceBox {
+            FaceBox { centre: self.at_px, size: 1.5 * self.size_px, angle_rad: 0.0 }
+        }
+
+        fn judged(&self, wearer: &mut Wearer) -> Verdict {
+            let landmarks = face([0.0; 3], self.size_px / 3.0, self.at_px);
+            let mut appearance = Appearance::zero();
+            appearance.skin.iter_mut().for_each(|row| *row = SKIN_DEVIATION.map(|deviation| self.skin * deviation));
+            appearance.score = self.score;
+            let face = Face { landmarks: &landmarks, appearance: Some(&appearance) };
+            let verdict = wearer.judge(&face, &self.region(), FRAME_S);
+            if verdict != Verdict::Wearer {
+                wearer.miss(FRAME_S);
+            }
+            verdict
+        }
+    }
+
+    /// What is known of the wearer after two seconds.
+    fn known() -> Wearer {
+        let mut wearer = Wearer::default();
+        wearer.choose(&[WEARER.region()], SIZE_PX);
+        assert!((0..60).all(|_| WEARER.judged(&mut wearer) == Verdict::Wearer));
+        wearer
+    }
+
+    /// The number of frames after which the face that the detector finds alone is followed, if it is within 10 s.
+    fn frames_until_followed(wearer: &mut Wearer, person: &Person) -> Option<usize> {
+        (0..300).find(|_| {
+            let is_chosen = wearer.trial > 0 || wearer.choose(&[person.region()], SIZE_PX).is_some();
+            if !is_chosen {
+                wearer.miss(FRAME_S);
+                return false;
+            }
+            let verdict = person.judged(wearer);
+            if verdict == Verdict::Other {
+                wearer.trial = 0;
+            }
+            verdict == Verdict::Wearer
+        })
+    }
+
+    #[test]
+    fn of_several_faces_the_rule_chooses_the_largest_the_one_in_the_middle_or_a_large_one_near_it() {
+        let [large, middle, both] = [(100.0, 170.0), (320.0, 90.0), (380.0, 150.0)]
+            .map(|(x_px, size_px)| Person { size_px, ..WEARER.at(x_px) }.region());
+        for (follow, want) in [(Follow::Nearest, large), (Follow::Centre, middle), (Follow::Wearer, both)] {
+            let mut wearer = Wearer { follow, ..Wearer::default() };
+            assert_eq!(wearer.choose(&[large, middle, both], SIZE_PX), Some(want), "{follow:?}");
+        }
+    }
+
+    #[test]
+    fn a_face_that_jumps_or_is_covered_and_then_elsewhere_is_another_one() {
+        assert_eq!(WEARER.at(360.0).judged(&mut known()), Verdict::Other, "a jump");
+        let mut wearer = known();
+        assert_eq!(Person { score: 5.0, ..WEARER }.judged(&mut wearer), Verdict::Wearer, "covered");
+        let drifts = (1..10).map(|frame| WEARER.at(320.0 + 8.0 * frame as f32).judged(&mut wearer));
+        assert_eq!(drifts.filter(|verdict| *verdict == Verdict::Other).count(), 1);
+    }
+
+    #[test]
+    fn a_wearer_who_moves_as_heads_do_or_covers_the_face_and_stays_is_followed_all_the_time() {
+        let mut wearer = known();
+        let sways = |frame: usize| WEARER.at(320.0 + 100.0 * (0.15 * frame as f32).sin());
+        assert!((0..90).all(|frame| sways(frame).judged(&mut wearer) == Verdict::Wearer));
+        let mut wearer = known();
+        let covered = Person { score: 3.0, skin: 5.0, ..WEARER };
+        assert!((0..90).all(|_| covered.judged(&mut wearer) == Verdict::Wearer));
+        let uncovered = Person { skin: 5.0, ..WEARER };
+        assert!((0..30).all(|_| uncovered.judged(&mut wearer) == Verdict::Wearer));
+    }
+
+    #[test]
+    fn the_wearer_is_followed_again_at_once_and_another_face_elsewhere_after_five_seconds_or_one_by_another_rule() {
+        assert_eq!(frames_until_followed(&mut known(), &WEARER), Some(0));
+        let other = Person { skin: 5.0, ..WEARER.at(560.0) };
+        let frames = frames_until_followed(&mut known(), &other);
+        assert!(frames.is_some_and(|frames| (120..=160).contains(&frames)), "{frames:?}");
+        let mut nearest = Wearer { follow: Follow::Nearest, ..known() };
+        let frames = frames_until_followed(&mut nearest, &other);
+        assert!(frames.is_some_and(|frames| (25..=35).contains(&frames)), "{frames:?}");
+    }
+
+    #[test]
+    fn after_another_face_one_must_stay_for_some_frames_and_longer_if_it_looks_different() {
+        let wary = || Wearer { is_wary: true, ..known() };
+        assert_eq!(frames_until_followed(&mut wary(), &WEARER), Some(2));
+        let glasses = Person { skin: 4.0, ..WEARER };
+        let frames = frames_until_followed(&mut wary(), &glasses);
+        assert!(frames.is_some_and(|frames| (8..=30).contains(&frames)), "{frames:?}");
+        let mut wearer = wary();
+        let passes = |frame: usize| Person { skin: 0.5, ..WEARER.at(320.0 + 12.0 * frame as f32) };
+        wearer.choose(&[passes(0).region()], SIZE_PX);
+        assert_eq!([0, 1].map(|frame| passes(frame).judged(&mut wearer)), [Verdict::Open, Verdict::Other]);
+    }
+
+    #[test]
+    fn a_wearer_who_comes_back_takes_the_place_of_another_face_and_one_who_has_it_keeps_it_from_equals() {
+        let mut wearer = known();
+        let other = Person { skin: 5.0, ..WEARER.at(560.0) };
+        assert!(frames_until_followed(&mut wearer, &other).is_some());
+        assert!(wearer.is_watched());
+        let better = wearer.better(&other.region(), &[other.region(), WEARER.region()], SIZE_PX);
+        assert_eq!(better, Some(WEARER.region()));
+
+        let mut wearer = Wearer::default();
+        let [first, second] = [280.0, 400.0].map(|x_px| WEARER.at(x_px).region());
+        assert_eq!(wearer.choose(&[first], SIZE_PX), Some(first));
+        assert_eq!(wearer.better(&first, &[first, second], SIZE_PX), None);
+        let larger = Person { size_px: 260.0, ..WEARER.at(440.0) }.region();
+        assert_eq!(wearer.better(&first, &[first, larger], SIZE_PX), Some(larger), "in the first seconds");
+    }
+
+    #[test]
+    fn landmarks_that_are_not_finite_or_form_no_face_are_judged_without_a_panic() {
+        for value in [f32::NAN, f32::INFINITY, 0.0] {
+            let landmarks = Landmarks([[value; 3]; LANDMARKS]);
+            let mut wearer = known();
+            wearer.judge(&Face::from(&landmarks), &WEARER.region(), FRAME_S);
+            assert_eq!(frames_until_followed(&mut wearer, &WEARER), Some(0));
+        }
+    }
 }

@@ -29,7 +29,8 @@ macro_rules! visibility {
 
             /// Returns the visibility with these values of the parts.
             #[must_use]
-            pub const fn from_values([$($part,)*]: [f32; PARTS]) -> Self {
+            pub const fn from_values(values: [f32; PARTS]) -> Self {
+                let [$($part,)*] = values;
                 Self { $($part,)* }
             }
         }

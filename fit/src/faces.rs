@@ -43,12 +43,8 @@ impl<'a> Faces<'a> {
 
     pub fn raw(&self, model: &Model, row: usize) -> Result<Coefficients, SolveError> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
-        let raw = self.of_landmarks(model, row)?;
-        let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
-        let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
-        let eyes = appearance.as_ref().map(|appearance| &appearance.eyes);
-        model.look(&mut raw, &normalise(&self.samples[row].landmarks)?, eyes);
-        Ok(raw)
+        let face = normalise(&self.samples[row].landmarks)?;
+        model.see(self.of_landmarks(model, row)?, &face, &self.features[row], appearance.as_ref())
     }
 
     /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.

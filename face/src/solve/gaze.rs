@@ -105,8 +105,8 @@ impl EyesLayer {
 
 impl Model {
     /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
-    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
-        if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
+    pub(super) fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: &EyeValues) {
+        if let Some(layer) = &self.eyes {
             let seen = Gaze::of(raw);
             let features = Features::new(face, Reference::MEAN);
             let shut = pick(&raw.0, BLINKS).into_iter().fold(0.0, f32::max);

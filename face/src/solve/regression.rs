@@ -22,6 +22,23 @@ impl Model {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
+    /// Adds to the result of the regression what the networks see of the face. Does not allocate.
+    pub fn see(
+        &self,
+        mut raw: Coefficients,
+        face: &Normalised,
+        features: &Features,
+        appearance: Option<&Appearance>,
+    ) -> Result<Coefficients, SolveError> {
+        let Some(appearance) = appearance else { return Ok(raw) };
+        if let Some(residual) = self.residual(appearance, features.known)? {
+            raw = raw.plus(&residual.times(features.counts.least()));
+        }
+        self.look(&mut raw, face, &appearance.eyes);
+        features.counts.blend(&mut raw, &appearance.parts, &self.pictures);
+        Ok(raw)
+    }
+
     /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
     pub(crate) fn solve(
         &self,
@@ -48,11 +65,10 @@ impl Model {
         })
     }
 
-    /// Computes what the look of a face adds to the regression, or `None` if it is not known or the model does not read it.
-    /// `known` is the share of the wearer's neutral face in the reference. Does not allocate.
-    pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
-        let both = self.appearance.as_ref().zip(appearance);
-        both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
+    /// Computes what the look of a face adds to the regression, or `None` if the model does not read it. `known` is the share
+    /// of the wearer's neutral face in the reference.
+    fn residual(&self, appearance: &Appearance, known: f32) -> Result<Option<Coefficients>, SolveError> {
+        self.appearance.as_ref().map(|layer| sane(layer.process(appearance, known))).transpose()
     }
 }
 

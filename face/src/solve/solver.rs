@@ -167,14 +167,8 @@ impl Solver {
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let features = Features::new(&face, reference).in_view(counts);
         let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
-        let mut raw = self.model.solve(&face, &features, reference)?;
-        if let Some(residual) = self.model.residual(appearance, reference.known)? {
-            raw = raw.plus(&residual.times(counts.least()));
-        }
-        self.model.look(&mut raw, &face, appearance.map(|appearance| &appearance.eyes));
-        if let Some(appearance) = appearance {
-            counts.blend(&mut raw, &appearance.parts, &self.model.pictures);
-        }
+        let raw = self.model.solve(&face, &features, reference)?;
+        let mut raw = self.model.see(raw, &face, &features, appearance)?;
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
             None if reference.known >= ESTIMATED => NeutralFace::Estimated,

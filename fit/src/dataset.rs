@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
-use facewire_face::stages::{EYE_SIDE, Eyes, InView, PART_SIDE, PartValues, Parts, Visible};
-use facewire_face::{Appearance, BLENDSHAPES, COEFFS, EyeValues, InferError, LANDMARKS, Landmarks};
+use facewire_face::stages::{EYE_SIDE, Eyes, PART_SIDE, Parts, Visible};
+use facewire_face::{Appearance, BLENDSHAPES, COEFFS, InferError, LANDMARKS, Landmarks, Looks};
 
 use half::{f16, slice::HalfFloatSliceExt};
 use rayon::prelude::*;
@@ -108,11 +108,8 @@ fn people_of(path: &Path) -> Option<String> {
 /// How the faces look: for each picture a row with the feature map at some landmarks, and the pictures of both eyes.
 pub struct Appearances {
     rows: Vec<f16>,
-    seen: Vec<Seen>,
+    looks: Vec<Looks>,
 }
-
-/// What the networks of eyes, of mouth and brows, and of what is in view give for a picture.
-type Seen = (EyeValues, PartValues, InView);
 
 /// These networks.
 struct Networks {
@@ -126,14 +123,15 @@ impl Networks {
         Ok(Self { eyes: Eyes::load()?, parts: Parts::load()?, visible: Visible::load()? })
     }
 
-    fn read(&mut self, row: &[f16]) -> Result<Seen, InferError> {
+    fn read(&mut self, row: &[f16]) -> Result<Looks, InferError> {
         let (map, pictures) = row.split_at(Appearances::VALUES);
         let (eyes, parts) = pictures.split_at(Appearances::EYES);
         let mut appearance = Appearance::zero();
         map.convert_to_f32_slice(appearance.skin.as_flattened_mut());
         eyes.convert_to_f32_slice(self.eyes.pictures.as_flattened_mut());
         parts.convert_to_f32_slice(self.parts.pictures.as_flattened_mut());
-        Ok((self.eyes.read()?, self.parts.read()?, self.visible.read(&appearance)?))
+        let in_view = self.visible.read(&appearance.skin)?;
+        Ok(Looks { eyes: self.eyes.read()?, parts: self.parts.read()?, in_view })
     }
 }
 
@@ -145,12 +143,12 @@ impl Appearances {
     pub const ROW: usize = Self::VALUES + Self::EYES + 2 * PART_SIDE * PART_SIDE;
 
     fn new(rows: Vec<f16>) -> Result<Self> {
-        let read = |networks: &mut Result<Networks, InferError>, row: &[f16]| -> Result<Seen> {
+        let read = |networks: &mut Result<Networks, InferError>, row: &[f16]| -> Result<Looks> {
             let networks = networks.as_mut().map_err(|error| InferError(error.0.clone()))?;
             Ok(networks.read(row)?)
         };
-        let seen = rows.par_chunks_exact(Self::ROW).map_init(Networks::load, read).collect::<Result<_>>()?;
-        Ok(Self { rows, seen })
+        let looks = rows.par_chunks_exact(Self::ROW).map_init(Networks::load, read).collect::<Result<_>>()?;
+        Ok(Self { rows, looks })
     }
 
     /// Copies the feature map.
@@ -159,8 +157,7 @@ impl Appearances {
     }
 
     pub fn of(&self, picture: usize) -> Appearance {
-        let (eyes, parts, in_view) = self.seen[picture];
-        let mut appearance = Appearance { eyes, parts, in_view, ..Appearance::zero() };
+        let mut appearance = Appearance { looks: self.looks[picture], ..Appearance::zero() };
         self.copy(picture, appearance.skin.as_flattened_mut());
         appearance
     }

@@ -44,7 +44,13 @@ impl<'a> Faces<'a> {
     pub fn raw(&self, model: &Model, row: usize) -> Result<Coefficients, SolveError> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
         let face = normalise(&self.samples[row].landmarks)?;
-        model.see(self.of_landmarks(model, row)?, &face, &self.features[row], appearance.as_ref())
+        let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
+        let raw = self.of_landmarks(model, row)?;
+        let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
+        if let Some(appearance) = appearance {
+            model.look(&mut raw, &face, &self.features[row], &appearance.looks);
+        }
+        Ok(raw)
     }
 
     /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.

@@ -35,7 +35,7 @@ SIDE, MAP, EYES, CHANNELS_AT_LANDMARK = 64, 5760, 2 * 32 * 32, 32
 REGIONS = ["left_eye", "right_eye", "brows", "mouth", "cheeks"]
 HELD_OUT, IN_VIEW = 8, 0.6
 STEM, BLOCKS = 16, ((2, 24), (1, 24), (2, 48), (1, 48), (2, 64), (1, 64))
-FEWER, VALUES = 20, 48
+FEWER = 32
 BATCH, RATE, DECAY = 256, 4e-3, 2e-3
 # Errors at amplitudes that are rare weigh more: the share of the pictures in a band of amplitude, to this power.
 BANDS, RARITY = np.array([0.02, 0.15, 0.3, 0.5, 0.7]), -0.4
@@ -109,14 +109,11 @@ class Part(nn.Module):
         self.blocks = nn.Sequential(*(eyes.Block(stride, c, channels) for c, (stride, channels) in zip(before, BLOCKS)))
         self.fewer = nn.Conv2d(before[-1], FEWER, 1, bias=False)
         self.fewer_scale, self.fewer_activation = nn.BatchNorm2d(FEWER), nn.PReLU(FEWER)
-        self.values = nn.Conv2d(FEWER, VALUES, SIDE // 16, bias=False)
-        self.last_scale, self.last_activation = nn.BatchNorm2d(VALUES), nn.PReLU(VALUES)
-        self.outputs = nn.Conv2d(VALUES, outputs, 1)
+        self.outputs = nn.Conv2d(FEWER, outputs, SIDE // 16)
 
     def forward(self, x):
         x = self.activation(self.scale(self.stem(F.pad(x, (1, 2, 1, 2)))))
         x = self.fewer_activation(self.fewer_scale(self.fewer(self.blocks(x))))
-        x = self.last_activation(self.last_scale(self.values(x)))
         return self.outputs(F.dropout(x, 0.1, self.training)).flatten(1)
 
 
@@ -165,13 +162,11 @@ def network(part):
     source = writer.tensor(SIDE, 1)
     x = writer.add(eyes.CONVOLUTION, [source], (side, STEM), 5, 2, 1, eyes.folded(part.stem, part.scale))
     x = writer.add(eyes.PRELU, [x], (side, STEM), arrays=[part.activation.weight])
-    x, side, before = eyes.write_blocks(writer, x, side, before, part.blocks, BLOCKS)
+    x, side, _ = eyes.write_blocks(writer, x, side, before, part.blocks, BLOCKS)
     x = writer.add(eyes.CONVOLUTION, [x], (side, FEWER), arrays=eyes.folded(part.fewer, part.fewer_scale))
     x = writer.add(eyes.PRELU, [x], (side, FEWER), arrays=[part.fewer_activation.weight])
-    x = writer.add(eyes.CONVOLUTION, [x], (1, VALUES), side, arrays=eyes.folded(part.values, part.last_scale))
-    x = writer.add(eyes.PRELU, [x], (1, VALUES), arrays=[part.last_activation.weight])
     last = [part.outputs.weight.permute(0, 2, 3, 1), part.outputs.bias]
-    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, part.outputs.out_channels), arrays=last))
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, part.outputs.out_channels), side, arrays=last))
 
 
 UNITS = 8

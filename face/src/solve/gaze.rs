@@ -105,7 +105,7 @@ impl EyesLayer {
 
 impl Model {
     /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
-    pub(super) fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: &EyeValues) {
+    pub(super) fn look_into_eyes(&self, raw: &mut Coefficients, face: &Normalised, eyes: &EyeValues) {
         if let Some(layer) = &self.eyes {
             let seen = Gaze::of(raw);
             let features = Features::new(face, Reference::MEAN);
@@ -248,7 +248,7 @@ mod tests {
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
             values[1][3] = value;
             put(&mut raw.0, BLINKS, [shut, 0.0]);
-            model.look(&mut raw, &head, Some(&values));
+            model.look_into_eyes(&mut raw, &head, &values);
             let want = towards([1.0, 2.0], found_deg, PICTURE_SHARE);
             let got = Gaze::of(&raw).yaw_pitch_deg;
             assert!(got.iter().zip(want).all(|(got, want)| (got - want).abs() < 0.1), "{got:?} in place of {want:?}");

@@ -9,7 +9,7 @@ use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 use super::features::{Features, Reference};
 use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
-use crate::track::Appearance;
+use crate::track::{Appearance, Looks};
 
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
@@ -20,23 +20,6 @@ impl Model {
     #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
     pub fn embedded() -> Self {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
-    }
-
-    /// Adds to the result of the regression what the networks see of the face. Does not allocate.
-    pub fn see(
-        &self,
-        mut raw: Coefficients,
-        face: &Normalised,
-        features: &Features,
-        appearance: Option<&Appearance>,
-    ) -> Result<Coefficients, SolveError> {
-        let Some(appearance) = appearance else { return Ok(raw) };
-        if let Some(residual) = self.residual(appearance, features.known)? {
-            raw = raw.plus(&residual.times(features.counts.least()));
-        }
-        self.look(&mut raw, face, &appearance.eyes);
-        features.counts.blend(&mut raw, &appearance.parts, &self.pictures);
-        Ok(raw)
     }
 
     /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
@@ -65,10 +48,17 @@ impl Model {
         })
     }
 
-    /// Computes what the look of a face adds to the regression, or `None` if the model does not read it. `known` is the share
-    /// of the wearer's neutral face in the reference.
-    fn residual(&self, appearance: &Appearance, known: f32) -> Result<Option<Coefficients>, SolveError> {
-        self.appearance.as_ref().map(|layer| sane(layer.process(appearance, known))).transpose()
+    /// Computes what the look of a face adds to the regression, or `None` if it is not known or the model does not read it.
+    /// `known` is the share of the wearer's neutral face in the reference. Does not allocate.
+    pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
+        let both = self.appearance.as_ref().zip(appearance);
+        both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
+    }
+
+    /// Blends into the result of the regression what the pictures of eyes, mouth and brows show, as far as the model reads them.
+    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, features: &Features, looks: &Looks) {
+        self.look_into_eyes(raw, face, &looks.eyes);
+        features.counts.blend(raw, &looks.parts, &self.pictures);
     }
 }
 
@@ -237,7 +227,7 @@ mod tests {
         let camera = Camera::new([640.0, 480.0], 60.0);
         // The face has few points, so only displacements from itself are sensible.
         let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
-        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
+        let model = Model { appearance: Some(appearance_layer()), pictures: [0.0; COEFFS], ..Model::embedded() };
         let mut solver = Solver::new(model, Profile { neutral, ..Profile::default() }, Shaping::only(Filters::OFF));
         let [alone, both] = [None, Some(&appearance(6.0))].map(|appearance| {
             let face = Face { landmarks: &landmarks, appearance };

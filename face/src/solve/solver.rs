@@ -157,7 +157,7 @@ impl Solver {
     ) -> Result<Solution, SolveError> {
         let Face { landmarks, appearance } = face.into();
         let view = self.history.view.next(
-            appearance.map(|appearance| &appearance.in_view),
+            appearance.map(|appearance| &appearance.looks.in_view),
             self.wears,
             self.history.since_s(time_us),
         );
@@ -167,8 +167,13 @@ impl Solver {
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let features = Features::new(&face, reference).in_view(counts);
         let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
-        let raw = self.model.solve(&face, &features, reference)?;
-        let mut raw = self.model.see(raw, &face, &features, appearance)?;
+        let mut raw = self.model.solve(&face, &features, reference)?;
+        if let Some(residual) = self.model.residual(appearance, reference.known)? {
+            raw = raw.plus(&residual.times(counts.least()));
+        }
+        if let Some(appearance) = appearance {
+            self.model.look(&mut raw, &face, &features, &appearance.looks);
+        }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
             None if reference.known >= ESTIMATED => NeutralFace::Estimated,

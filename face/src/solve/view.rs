@@ -21,6 +21,8 @@ use crate::track::{
 const COUNTS: [f32; 2] = [0.3, 0.6];
 /// Time over which 63 % of a change of these probabilities is followed, seconds.
 const FOLLOW_S: f32 = 0.07;
+/// Bounds of the coefficients that a network gives.
+const PART_VALUES: [f32; 2] = [-0.5, 1.5];
 /// The coefficients of the lids of the left eye and of the right.
 const LIDS: [[usize; 2]; 3] = [
     [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")],
@@ -46,7 +48,7 @@ impl View {
     /// Follows what was seen in the next frame, `dt_s` seconds later; without it, the whole face counts.
     pub(super) fn next(self, seen: Option<&InView>, wears: Wears, dt_s: f32) -> Self {
         let Some(seen) = seen else { return Self::NONE };
-        let mut now = seen.map(|odds| 1.0 / (1.0 + (-odds).exp()));
+        let mut now = seen.map(|odds| bounded(1.0 / (1.0 + (-odds).exp()), [0.0, 1.0]));
         for region in wears.covers() {
             if let Some(likely) = now.get_mut(*region) {
                 *likely = 0.0;
@@ -129,7 +131,7 @@ impl Counts {
         for (place, ((value, part), share)) in raw.0.iter_mut().zip(parts).zip(shares).enumerate() {
             let is_mouth = region_of_coefficient(place) == MOUTH || place == CHEEK_PUFF;
             let share = if is_mouth { share + (1.0 - share) * uncertain } else { *share };
-            *value += share * (part - *value);
+            *value += share * (bounded(*part, PART_VALUES) - *value);
         }
     }
 
@@ -163,6 +165,12 @@ impl Counts {
     }
 }
 
+/// Bounds what a network gives for an absurd picture. What is not a number becomes the lower bound.
+#[expect(clippy::manual_clamp, reason = "unlike `clamp`, it turns what is not a number into one")]
+fn bounded(value: f32, [least, most]: [f32; 2]) -> f32 {
+    value.max(least).min(most)
+}
+
 /// The region that a coefficient moves. Both eyes count as the left one.
 fn region_of_coefficient(place: usize) -> usize {
     match place {
@@ -170,5 +178,99 @@ fn region_of_coefficient(place: usize) -> usize {
         FIRST_OF_BROWS..CHEEK_PUFF => BROWS,
         CHEEK_PUFF..=LAST_OF_CHEEKS => CHEEKS,
         _ => MOUTH,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::solve::filter::FRAME_S;
+    use crate::solve::plausible::JAW_OPEN;
+
+    const IN_VIEW: f32 = 8.0;
+    const COVERED: f32 = -8.0;
+
+    fn covered(regions: &[usize]) -> InView {
+        let mut odds = [IN_VIEW; REGIONS];
+        for region in regions {
+            odds[*region] = COVERED;
+        }
+        odds
+    }
+
+    fn counts(odds: &InView, wears: Wears) -> Counts {
+        View::NONE.next(Some(odds), wears, 0.0).counts()
+    }
+
+    #[test]
+    fn a_face_in_view_counts_in_full_and_its_coefficients_stay() {
+        let values = Coefficients(core::array::from_fn(|index| index as f32 / 60.0));
+        for counts in [View::NONE.next(None, Wears::Nothing, 0.0).counts(), counts(&[IN_VIEW; REGIONS], Wears::Nothing)]
+        {
+            let mut shown = values;
+            counts.rest(&mut shown);
+            assert_eq!((counts, shown), (Counts::WHOLE, values));
+        }
+    }
+
+    #[test]
+    fn what_becomes_covered_rests_within_a_fifth_of_a_second_and_comes_back_without_a_jump() {
+        let headset = covered(&[LEFT_EYE, RIGHT_EYE, BROWS]);
+        let mut view = View::NONE.next(Some(&[IN_VIEW; REGIONS]), Wears::Nothing, 0.0);
+        let mut last = 1.0;
+        for (odds, wanted) in [(headset, 0.0), ([IN_VIEW; REGIONS], 1.0)] {
+            for _ in 0..6 {
+                view = view.next(Some(&odds), Wears::Nothing, FRAME_S);
+                let mut shown = Coefficients([1.0; COEFFS]);
+                view.counts().rest(&mut shown);
+                let brow = shown.0[FIRST_OF_BROWS];
+                assert!((brow - last).abs() < 0.9, "{last} to {brow}");
+                assert_eq!(shown.0[JAW_OPEN], 1.0, "the mouth is in view");
+                last = brow;
+            }
+            assert!((last - wanted).abs() < 0.01, "{last}");
+        }
+    }
+
+    #[test]
+    fn lids_of_a_covered_eye_follow_the_other_one_and_the_gaze_rests() {
+        let mut shown = Coefficients([0.0; COEFFS]);
+        shown.0[index_of("eyeBlinkLeft")] = 0.2;
+        shown.0[index_of("eyeBlinkRight")] = 0.9;
+        shown.0[index_of("eyeLookUpRight")] = 0.7;
+        counts(&covered(&[LEFT_EYE]), Wears::Nothing).rest(&mut shown);
+        let blinks = [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")].map(|place| shown.0[place]);
+        assert!(blinks.iter().all(|blink| (blink - 0.9).abs() < 0.01), "{blinks:?}");
+        assert_eq!(shown.0[index_of("eyeLookUpRight")], 0.0);
+    }
+
+    #[test]
+    fn mouth_is_read_from_its_picture_alone_where_a_headset_covers_the_eyes() {
+        let mut parts = [0.0; COEFFS];
+        parts[JAW_OPEN] = 0.8;
+        let mut shares = [0.0; COEFFS];
+        shares[JAW_OPEN] = 0.25;
+        for (odds, wanted) in [([IN_VIEW; REGIONS], 0.2), (covered(&[LEFT_EYE, RIGHT_EYE, BROWS]), 0.8)] {
+            let mut raw = Coefficients([0.0; COEFFS]);
+            counts(&odds, Wears::Nothing).blend(&mut raw, &parts, &shares);
+            assert!((raw.0[JAW_OPEN] - wanted).abs() < 1e-3, "{}", raw.0[JAW_OPEN]);
+        }
+    }
+
+    #[test]
+    fn what_the_wearer_has_on_covers_its_regions_whatever_is_seen() {
+        for (wears, regions) in [(Wears::Headset, &[LEFT_EYE, RIGHT_EYE, BROWS][..]), (Wears::Mask, &[MOUTH])] {
+            assert_eq!(counts(&[IN_VIEW; REGIONS], wears), counts(&covered(regions), Wears::Nothing), "{wears:?}");
+        }
+    }
+
+    #[test]
+    fn features_count_as_far_as_the_least_of_their_landmarks() {
+        let counts = counts(&covered(&[LEFT_EYE]), Wears::Nothing);
+        let of = |name: &str| counts.feature(FeatureId::from_name(name).expect("known"));
+        // Landmark 386 is on the lid of the left eye, 159 on that of the right, 61 at the mouth, 168 between the eyes.
+        assert_eq!(["x386", "z386", "d385-380", "d334-386", "y168"].map(of), [0.0; 5]);
+        assert_eq!(["x159", "y61", "d13-14", "d105-159", "yaw"].map(of), [1.0; 5]);
     }
 }

@@ -64,17 +64,43 @@ impl<'a> From<&'a Landmarks> for Face<'a> {
 /// The log-odds of a region that is in view beyond doubt.
 const WHOLE: f32 = 10.0;
 
+/// What facewire's own networks give for a face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Looks {
+    /// Values of the network of the eyes.
+    pub eyes: EyeValues,
+    /// Coefficients by the networks of mouth and brows.
+    pub parts: PartValues,
+    /// The log-odds that each region is in view.
+    pub in_view: InView,
+}
+
+impl Looks {
+    /// All values.
+    pub fn values(&self) -> impl Iterator<Item = &f32> {
+        self.eyes.as_flattened().iter().chain(&self.parts).chain(&self.in_view)
+    }
+
+    /// All values, in the order of [`Looks::values`].
+    pub fn values_mut(&mut self) -> impl Iterator<Item = &mut f32> {
+        self.eyes.as_flattened_mut().iter_mut().chain(&mut self.parts).chain(&mut self.in_view)
+    }
+}
+
+impl Default for Looks {
+    /// All values 0, of a face that is wholly in view.
+    fn default() -> Self {
+        Self { eyes: EyeValues::default(), parts: [0.0; COEFFS], in_view: [WHOLE; REGIONS] }
+    }
+}
+
 /// How a face looks to the networks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Appearance {
     /// The values of the feature map at [`APPEARANCE_LANDMARKS`], one row per landmark.
     pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
-    /// What the network of the eyes gives.
-    pub eyes: EyeValues,
-    /// What the networks of mouth and brows give.
-    pub parts: PartValues,
-    /// The log-odds that each region is in view.
-    pub in_view: InView,
+    /// What the networks of eyes, mouth and brows, and of what is in view give.
+    pub looks: Looks,
     /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are about 25 for a face in view, and
     /// mostly below 15 for one that is upside down or whose eyes are covered.
     pub score: f32,
@@ -85,9 +111,7 @@ impl Appearance {
     pub fn zero() -> Self {
         Self {
             skin: vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into(),
-            eyes: EyeValues::default(),
-            parts: [0.0; COEFFS],
-            in_view: [WHOLE; REGIONS],
+            looks: Looks::default(),
             score: 0.0,
         }
     }

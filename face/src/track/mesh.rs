@@ -122,10 +122,10 @@ impl Mesh {
         self.appearance.sample(map, &self.landmarks);
         to_picture(region, &mut self.landmarks);
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
-        self.appearance.eyes = self.eyes.read()?;
+        self.appearance.looks.eyes = self.eyes.read()?;
         self.parts.look(picture, region, &self.landmarks, &mut self.block);
-        self.appearance.parts = self.parts.read()?;
-        self.appearance.in_view = self.visible.read(&self.appearance)?;
+        self.appearance.looks.parts = self.parts.read()?;
+        self.appearance.looks.in_view = self.visible.read(&self.appearance.skin)?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 

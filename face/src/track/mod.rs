@@ -24,7 +24,7 @@ pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
 pub use eyes::{EYE_SIDE, EyeValues, Eyes};
 pub use feature_map::bounds;
-pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH};
+pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, Looks, MESH};
 pub use mesh::Mesh;
 pub use parts::{PART_SIDE, PartValues, Parts};
 pub use visible::{InView, Visible};

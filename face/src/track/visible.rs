@@ -3,9 +3,9 @@
 //! A small network of facewire's own reads the feature map of the mesh network at its landmarks, which looks different where
 //! something covers the face. `models/parts/train.py` makes it.
 
-use super::landmarks::Appearance;
 use crate::LANDMARKS;
 use crate::infer::{InferError, Network, built_in};
+use crate::model::APPEARANCE_CHANNELS;
 
 /// Number of regions.
 pub const REGIONS: usize = 5;
@@ -44,9 +44,9 @@ impl Visible {
         Ok(Self(built_in(FILE)?))
     }
 
-    /// Returns the log-odds that each region is in view.
-    pub fn read(&mut self, appearance: &Appearance) -> Result<InView, InferError> {
-        let inputs = self.0.input_row(0).iter_mut().zip(appearance.skin.as_flattened());
+    /// Returns the log-odds that each region is in view, by the values of the feature map at its landmarks.
+    pub fn read(&mut self, skin: &[[f32; APPEARANCE_CHANNELS]]) -> Result<InView, InferError> {
+        let inputs = self.0.input_row(0).iter_mut().zip(skin.as_flattened());
         inputs.for_each(|(input, value)| *input = *value);
         self.0.run()?;
         let mut in_view = InView::default();

@@ -42,9 +42,11 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
     let mut file = output::read_model(&options.model)?;
-    let model = file.to_model()?;
-    let without = faces(options, &Model { pictures: [0.0; COEFFS], ..model.clone() })?;
-    let alone = faces(options, &Model { pictures: [1.0; COEFFS], ..model })?;
+    let mut model = file.to_model()?;
+    model.pictures = [0.0; COEFFS];
+    let without = faces(options, &model)?;
+    model.pictures = [1.0; COEFFS];
+    let alone = faces(options, &model)?;
     file.pictures = BTreeMap::new();
     let mut rows = Vec::new();
     for stem in stems().into_iter().filter(|stem| READ.iter().any(|read| stem.starts_with(read))) {

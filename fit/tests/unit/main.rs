@@ -32,8 +32,8 @@ mod synth {
     mod describe;
     mod expression;
     mod film;
+    mod occluders;
     mod options;
-    mod props;
     mod rig;
     mod run;
     mod scene;

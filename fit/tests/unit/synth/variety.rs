@@ -7,16 +7,16 @@ use rand_chacha::rand_core::SeedableRng;
 
 fn drawn(forced: Option<Condition>, factors: &[Factor]) -> Vec<Conditions> {
     let without = Without::new(factors, false);
-    (0..400).map(|seed| Conditions::random(&mut ChaCha8Rng::seed_from_u64(seed), forced, &without)).collect()
+    (0..400).map(|seed| Conditions::random(&mut ChaCha8Rng::seed_from_u64(seed), forced, &without, COVERED)).collect()
 }
 
 #[test]
 fn a_forced_condition_is_in_every_picture_and_alone() {
     for people in drawn(Some(Condition::Glasses), &[]) {
-        assert!(people.glasses.is_some() && people.occluded == 0.0 && people.small_px.is_none());
+        assert!(people.glasses.is_some() && people.covered.0 == 0.0 && people.small_px.is_none());
     }
     for people in drawn(Some(Condition::Occluded), &[]) {
-        assert!((people.occluded - 1.0).abs() < 1e-9 && people.dark.is_none() && people.side_light.is_none());
+        assert!((people.covered.0 - 1.0).abs() < 1e-9 && people.dark.is_none() && people.side_light.is_none());
     }
 }
 

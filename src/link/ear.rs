@@ -14,7 +14,8 @@ use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with};
 
 use crate::config::Address;
 
-/// Linux sends one word a second at most to each machine.
+/// Linux sends one word a second at most to each machine. Of several links to one machine on which nobody listens, perhaps only the
+/// first hears it: the others then say that they know nothing, which is true.
 const LONGEST_UNHEARD: Duration = Duration::from_secs(3);
 /// A connected socket keeps the address of this machine that it was connected from, which the machine may lose.
 const RECONNECT_PERIOD: Duration = Duration::from_secs(5);

@@ -215,7 +215,7 @@ pub struct LinkStatus {
     pub sent: u64,
     /// Number of messages that were not sent.
     pub dropped: u64,
-    /// What went wrong last since the device was opened or the host was found.
+    /// What went wrong last since the device was opened or the host was found, or else that nobody listens there.
     pub trouble: Option<String>,
     /// Whether the receiver's machine says that nobody listens at the port. Packets are sent all the same.
     #[serde(default, skip_serializing_if = "Not::not")]

@@ -1,8 +1,8 @@
 //! What comes back from the receiver of a link by UDP: its machine's word that nobody listens there, or an answer.
 //!
-//! The system reports such words to a connected socket alone, and that of a link is not connected. An ear is a second socket at the
-//! same port, which is connected to the receiver: whatever comes back from there, the system gives to the ear. The thread that
-//! sends knows nothing of it.
+//! The system reports such words to a connected socket alone, and that of a link is not connected. An ear is a second socket
+//! at the same port, which is connected to the receiver: whatever comes back from there, the system gives to the ear. The
+//! thread that sends knows nothing of it.
 
 use std::io::{self, ErrorKind};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -14,8 +14,8 @@ use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with};
 
 use crate::config::Address;
 
-/// Linux sends one word a second at most to each machine. Of several links to one machine on which nobody listens, perhaps only the
-/// first hears it: the others then say that they know nothing, which is true.
+/// Linux sends one word a second at most to each machine. Of several links to one machine on which nobody listens, perhaps
+/// only the first hears it: the others then say that they know nothing, which is true.
 const LONGEST_UNHEARD: Duration = Duration::from_secs(3);
 /// A connected socket keeps the address of this machine that it was connected from, which the machine may lose.
 const RECONNECT_PERIOD: Duration = Duration::from_secs(5);
@@ -49,8 +49,8 @@ impl Ear {
         let local = socket.local_addr().ok()?;
         let (host, port) = address.parts()?;
         let sentence = format!(
-            "nobody listens on port {port} of {host}; start the receiver there, or give the port at which it listens; a firewall \
-             that refuses packets looks the same"
+            "nobody listens on port {port} of {host}; start the receiver there, or give the port at which it listens; a \
+             firewall that refuses packets looks the same"
         );
         Some(Self {
             sentence,

@@ -6,6 +6,7 @@ mod common;
 
 use std::fs;
 use std::io::{PipeReader, PipeWriter, Write as _, pipe};
+use std::net::UdpSocket;
 use std::process::{Command, Stdio};
 
 use common::ports::udp_port_of;
@@ -13,7 +14,7 @@ use common::program::{Run, facewire, text};
 use common::service::{DEMO, NO_CAMERA, Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
-use common::{eventually, project, skip};
+use common::{PATIENCE, eventually, project, skip};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
@@ -127,6 +128,25 @@ fn a_network_that_takes_no_packets_is_told_once() {
     service.await_log(refusal);
     assert_eq!(counted(&service.status(), "links_open"), 0);
     assert_eq!(service.stopped().matches(refusal).count(), 1);
+}
+
+#[test]
+fn a_receiver_that_is_not_there_is_told_once_gets_the_face_when_it_comes_and_is_no_longer_told() {
+    let [near, late] = [Receiver::new(), Receiver::new()];
+    let address = late.address();
+    drop(late);
+    let service = Service::start(NO_CAMERA, &[near.address(), address.clone()]);
+    let (host, port) = address.rsplit_once(':').unwrap();
+    let words = format!("link {address}: nobody listens on port {port} of {host}; start the receiver there");
+    service.await_log(&words);
+    let counts =
+        |service: &Service| ["links_unheard", "links_open", "dropped"].map(|name| counted(&service.status(), name));
+    eventually("the count", || counts(&service) == [1, 2, 0]);
+    let late = Receiver(UdpSocket::bind(&address).unwrap());
+    late.0.set_read_timeout(Some(PATIENCE)).unwrap();
+    late.packet();
+    eventually("no word", || counts(&service) == [0, 2, 0]);
+    assert_eq!(service.stopped().matches(&words).count(), 1);
 }
 
 /// Waits until a service has ended, although one of its threads is stuck.

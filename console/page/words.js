@@ -184,16 +184,19 @@ const troubleOf = (link) => {
   return link.trouble?.startsWith(before) ? link.trouble.slice(before.length) : link.trouble;
 };
 
-// Kinds whose receivers answer nothing, so that nobody knows whether they are there.
+const since = (s) => (s < 60 ? `${s} s` : s < 3600 ? `${Math.floor(s / 60)} min` : `${Math.floor(s / 3600)} h`);
+
+// Kinds whose receivers need not answer, so that nobody knows whether they are there.
 const SILENT = ["udp", "live-link", "vmc", "vrchat", "sacn", "artnet", "json", "ifacialmocap"];
 
 // Returns how a link is, as words and their style, and what is wrong with it or what it waits for.
 export function stateOfLink(link) {
   const [receiver, trouble] = [receiverOf(link), troubleOf(link)];
-  const waits = !link.open && trouble?.startsWith("waits for ");
+  const isUnheard = link.unheard && trouble?.startsWith("nobody listens ");
+  const waits = isUnheard || (!link.open && trouble?.startsWith("waits for "));
   const why = waits ? { waits: trouble } : { trouble };
   const state = (kind, words) => ({ kind, words, ...why });
-  if (waits) return state("dim", "waiting");
+  if (waits) return state("dim", isUnheard ? "nobody listens" : "waiting");
   const is = (good, waiting) => (link.open ? state("state-good", good) : state("dim", waiting));
   const isAsked = receiver.startsWith("those who ask") && !receiver.includes(", and ");
   if (isAsked && !trouble) return is("a receiver asks for the face", "waiting for a receiver that asks");
@@ -202,7 +205,9 @@ export function stateOfLink(link) {
   const isSilent = SILENT.includes(link.kind);
   if (!link.open && !trouble) return state("dim", "not connected yet");
   if (!link.open) return state("state-bad", isSilent ? "not sending" : "not connected");
-  if (isSilent) return state("dim", `sending to ${receiver}`);
+  const ago = link.answered_s_ago;
+  if (isSilent && ago < 10) return state("state-good", "answers");
+  if (isSilent) return state("dim", `sending to ${receiver}${ago === undefined ? "" : `, which answered ${since(ago)} ago`}`);
   return state("state-good", link.kind === "serial" ? "plugged in" : "connected");
 }
 

@@ -1099,6 +1099,11 @@ const TEXT: &str =
 fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
     let Some((console, mut browser)) = open("links", PHONE) else { return };
     let link = |kind: &str, receiver: &str, open: bool, trouble: Option<&str>| json!({"name": format!("{kind} {receiver}"), "kind": kind, "open": open, "sent": 5, "dropped": 0, "trouble": trouble});
+    let more = |mut link: Value, key: &str, value: Value| {
+        link[key] = value;
+        link
+    };
+    let nobody = "pc:11111: nobody listens on port 11111 of pc; start the receiver there";
     let waits = "auto: waits for a microcontroller board; none of a known maker is plugged in";
     let fault =
         "/dev/ttyUSB0: another program has it open; end that program (the service: `sudo systemctl stop facewire`)";
@@ -1107,6 +1112,9 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
         link("vrchat", "head.local:9000", false, Some("head.local:9000: the host does not resolve")),
         link("serial", "auto", false, Some(waits)),
         link("bus-servo", "/dev/ttyUSB0", false, Some(fault)),
+        more(link("live-link", "pc:11111", true, Some(nobody)), "unheard", json!(true)),
+        more(link("vmc", "pc:39540", true, None), "answered_s_ago", json!(3)),
+        more(link("json", "pc:5000", true, None), "answered_s_ago", json!(130)),
     ];
     browser.wait_for_text("Bus servos /dev/ttyUSB0");
     let articles = "[...document.querySelectorAll('#page-links article')].map(({ innerText }) => innerText.split('\\n').filter((line) => line && !/^(rate|sent|dropped) /.test(line)).join('|'))";
@@ -1118,10 +1126,13 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
             "VRChat head.local:9000 not sending|The host does not resolve.",
             "Microcontroller waiting|Waits for a microcontroller board; none of a known maker is plugged in.",
             "Bus servos /dev/ttyUSB0 not connected|Another program has it open; end that program.",
+            "Unreal (Live Link) pc:11111 nobody listens|Nobody listens on port 11111 of pc; start the receiver there.",
+            "VMC pc:39540 answers",
+            "Lines of JSON sending to pc:5000, which answered 2 min ago",
         ])
     );
     let red = "[...document.querySelectorAll('#page-links article')].map((it) => it.querySelector('.state-bad, .trouble') !== null)";
-    assert_eq!(browser.value(red), json!([false, false, true, false, true]));
+    assert_eq!(browser.value(red), json!([false, false, true, false, true, false, false, false]));
     browser.screenshot("links on a phone");
     browser.turn_to("health");
     browser.wait_until("document.querySelector('#banners')?.innerText.includes('head.local')");

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::io::{self, BufRead as _, BufReader, ErrorKind, Write as _};
+use std::ops::Not;
 use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -214,8 +215,14 @@ pub struct LinkStatus {
     pub sent: u64,
     /// Number of messages that were not sent.
     pub dropped: u64,
-    /// What went wrong last since the device was opened or the host was found.
+    /// What went wrong last since the device was opened or the host was found, or else that nobody listens there.
     pub trouble: Option<String>,
+    /// Whether the receiver's machine says that nobody listens at the port. Packets are sent all the same.
+    #[serde(default, skip_serializing_if = "Not::not")]
+    pub unheard: bool,
+    /// Seconds since the receiver last sent something back. `None` if it never has, as most do not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub answered_s_ago: Option<u64>,
     /// Whether the board has acknowledged that an operator keeps its servos without pulses. `None` if the link moves no
     /// servos.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -10,6 +10,7 @@ mod background;
 mod bus_servo;
 mod check;
 mod discovery;
+mod ear;
 mod encoder;
 mod ifacialmocap;
 mod json;

@@ -2,8 +2,10 @@
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
+use super::ear::Ear;
 use crate::config::{LinkKind, LinkSettings};
 use facewire_packet::control::{ChannelStatus, LinkStatus};
 use facewire_servo::{Dial, Dials, Operator};
@@ -18,7 +20,7 @@ pub struct Traffic {
     pub operator: Arc<Operator>,
 }
 
-/// What the sender, the threads of a link and the control thread know of it. The sender never takes the lock.
+/// What the sender, the threads of a link and the control thread know of it. The sender never takes a lock.
 #[derive(Debug, Default)]
 pub struct Panel {
     pub kind: LinkKind,
@@ -29,6 +31,7 @@ pub struct Panel {
     /// The system's error number if the network refused the last message, or else 0.
     pub refusal: AtomicI32,
     trouble: Mutex<Option<String>>,
+    ear: Mutex<Option<Ear>>,
     pub dials: Arc<Dials>,
     pub traffic: Arc<Traffic>,
 }
@@ -53,6 +56,27 @@ impl Panel {
     /// Notes the present trouble of the device or the host, or that there is none any more.
     pub(super) fn note(&self, trouble: Option<&str>) {
         *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble.map(str::to_owned);
+    }
+
+    /// Hears the receiver by this ear from now on.
+    pub(super) fn listen_by(&self, ear: Option<Ear>) {
+        *self.ear() = ear;
+    }
+
+    fn ear(&self) -> MutexGuard<'_, Option<Ear>> {
+        self.ear.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Hears what has come back from the receiver, and logs that nobody listens there.
+    pub fn listen(&self, now: Instant) {
+        if let Some(sentence) = self.ear().as_mut().and_then(|ear| ear.hear(&self.sent, now)) {
+            tracing::info!("link {}: {sentence}", self.receiver);
+        }
+    }
+
+    /// Whether the receiver's machine says that nobody listens there.
+    pub fn is_unheard(&self) -> bool {
+        self.ear().as_ref().is_some_and(|ear| ear.is_unheard)
     }
 
     /// What the log says about packets that the network refuses.
@@ -93,15 +117,23 @@ impl Panel {
             sent: self.sent.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
             trouble: self.trouble(),
+            unheard: self.is_unheard(),
+            answered_s_ago: self
+                .ear()
+                .as_ref()
+                .and_then(|ear| ear.answered_ago(Instant::now()))
+                .map(|ago| ago.as_secs()),
             stop: self.kind.at_stop().map(str::to_owned),
             released: self.kind.moves_servos().then(|| self.dials.has_released()),
             channels: self.dials.channels.iter().map(channel).collect(),
         }
     }
 
-    /// The last trouble since the device was opened, or since the host was found.
+    /// The last trouble since the device was opened, or since the host was found, or else that nobody listens there.
     pub fn trouble(&self) -> Option<String> {
-        self.refusal().or_else(|| self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone())
+        let noted = || self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let unheard = || Some(format!("{}: {}", self.receiver, self.ear().as_ref()?.trouble()?));
+        self.refusal().or_else(noted).or_else(unheard)
     }
 }
 

@@ -1,7 +1,8 @@
 //! UDP: one message, one datagram.
 //!
 //! The socket is not connected. An ICMP error from a receiver that is not running yet, a route that appears late, and
-//! a change of this machine's own address therefore do not break the link.
+//! a change of this machine's own address therefore do not break the link. What the receiver's machine says of it, an [`Ear`]
+//! hears.
 //!
 //! A host name is looked up again and again, because it may resolve only after the network has come up, and its address
 //! may change at any time. A look-up may take seconds, so it has a thread of its own, which hands over each new destination
@@ -18,6 +19,7 @@ use facewire_board::name_server_remedy;
 use facewire_packet::formats::dmx::{DISCOVERY_UNIVERSE, group};
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
+use super::ear::Ear;
 use super::{LINK_STACK_BYTES, LinkError, LinkErrorKind, PANIC_PAUSE, Panel, panics};
 use crate::config::Address;
 use crate::retry::Retry;
@@ -59,6 +61,7 @@ impl UdpCarrier {
         let literal = address.as_str().parse().ok().filter(|_| from.is_none());
         let lookup =
             if let Some(destination) = literal.and_then(|receiver| open(address, receiver, None, system.socket).ok()) {
+                panel.listen_by(Ear::new(address, &destination.0, destination.1));
                 input.write(Some(destination));
                 None
             } else {
@@ -182,7 +185,9 @@ fn look_up(
     loop {
         let found = choose(address, (system.resolve)(address), current).and_then(|receiver| {
             if current != Some(receiver) {
-                destination.write(Some(open(address, receiver, from, system.socket)?));
+                let opened = open(address, receiver, from, system.socket)?;
+                panel.listen_by(Ear::new(address, &opened.0, receiver));
+                destination.write(Some(opened));
                 tracing::info!("link {address}: packets go to {receiver}");
                 current = Some(receiver);
             }
@@ -224,6 +229,7 @@ fn choose(
 mod tests {
     use std::net::Ipv4Addr;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+    use std::time::Instant;
 
     use rustix::io::Errno;
 
@@ -324,6 +330,26 @@ mod tests {
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
         eventually("localhost resolves", || arrives(&mut link, &socket));
         assert!(link.destination.read().as_ref().unwrap().0.broadcast().unwrap());
+    }
+
+    #[test]
+    fn a_link_says_that_nobody_listens_at_its_receiver_also_by_a_host_name_and_sends_on() {
+        let port = receiver("127.0.0.1:0").local_addr().unwrap().port();
+        let (mut by_name, answers) = host();
+        find(&by_name, &answers, &[(Ipv4Addr::LOCALHOST, port).into()]);
+        let mut by_address = open(&format!("127.0.0.1:{port}"));
+        for (link, name) in [(&mut by_name, "5252 of head.local"), (&mut by_address, &*format!("{port} of 127.0.0.1"))]
+        {
+            eventually("a word", || {
+                assert!(link.send(MESSAGE) && link.is_open());
+                link.panel.listen(Instant::now());
+                link.panel.is_unheard()
+            });
+            let status = link.panel.status();
+            let want = format!("nobody listens on port {name}; start the receiver there");
+            assert!(status.unheard && status.trouble.as_ref().is_some_and(|told| told.contains(&want)), "{status:?}");
+            assert_eq!((status.answered_s_ago, status.dropped), (None, 0));
+        }
     }
 
     /// A link that sends from this address.

@@ -254,6 +254,7 @@ impl Counters {
         let visibility = self.visibility();
         let in_view = visibility.parts().map(|(part, value)| (part, hundredths(value))).collect();
         let share = f32::from_bits(self.neutral_share.load(Relaxed));
+        let unheard = AtomicU64::new(self.panels().iter().filter(|panel| panel.is_unheard()).count() as u64);
         let Traffic { packets, sent, dropped, .. } = &*self.traffic;
         rows! {
             counter "frames" "result" "Frames processed, by result." = counts([
@@ -276,6 +277,8 @@ impl Counters {
             counter "link_packets" "result" "Packets sent and dropped, summed over all links."
                 = counts([("sent", "sent", sent), ("dropped", "dropped", dropped)]);
             gauge "links_open" "" "Links that are open." = count("links_open", &self.links_open);
+            gauge "links_unheard" "" "Links by UDP to whose port nobody listens, as the receivers' machines say."
+                = count("links_unheard", &unheard);
             gauge "failsafe_state" "state" "1 for the present state of the failsafe, 0 for the others."
                 = present("state", STATES.map(State::name), |at| at == state);
             gauge "impaired" "by" "1 for each present impairment of tracking, else 0."

@@ -161,8 +161,8 @@ mod tests {
         let line = counters.status_line();
         let page = page(&counters);
         let want = "frames=10 faces=7 no_face=0 rejected=0 engine_failures=0 skipped=0 left_out=0 mistimed=0 deadline_misses=0 \
-                    damaged=0 cameras_opened=0 packets=0 sent=0 dropped=2 links_open=0 state=decay impaired_by=hot \
-                    step=half step_by=hot step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
+                    damaged=0 cameras_opened=0 packets=0 sent=0 dropped=2 links_open=0 links_unheard=0 state=decay \
+                    impaired_by=hot step=half step_by=hot step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
                     neutral_forgotten=2 covered=left_eye,mouth face_score=0.0 proposed_rotation=none \
                     wait_ms=0.000/0.000/0.000 ";
         assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");

@@ -21,6 +21,7 @@ use facewire_face::Rotation;
 
 const TICK: Duration = Duration::from_millis(50);
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
+const LISTEN_PERIOD: Duration = Duration::from_millis(500);
 /// What impairs tracking, and that the board is too slow, is not logged again within this time.
 const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
@@ -61,6 +62,7 @@ impl Supervisor {
             }
             self.adapt(now_us);
             self.log.impairments(self.counters.impairments.present());
+            self.listen();
             self.tell_status();
         }
         tracing::info!("stopping");
@@ -123,6 +125,15 @@ impl Supervisor {
         }
     }
 
+    /// Hears what has come back from receivers.
+    fn listen(&mut self) {
+        let now = Instant::now();
+        if self.log.listened_at.is_none_or(|at| now.saturating_duration_since(at) >= LISTEN_PERIOD) {
+            self.log.listened_at = Some(now);
+            self.counters.panels().iter().for_each(|panel| panel.listen(now));
+        }
+    }
+
     fn tell_status(&mut self) {
         let is_asked = self.counters.wants_status.swap(false, Relaxed);
         if !is_asked && self.log.last_status.is_some_and(|(last, _)| last.elapsed() < STATUS_PERIOD) {
@@ -160,6 +171,7 @@ pub(super) struct Log {
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
     too_slow_at: Option<Instant>,
+    listened_at: Option<Instant>,
     grants: Vec<Grant>,
     /// Time of the last status line, or of the start, and the count of frames in it.
     last_status: Option<(Instant, u64)>,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
-use facewire_face::stages::{EYE_SIDE, Eyes, PART_SIDE, Parts, Visible};
+use facewire_face::stages::{EYE_SIDE, Eyes, MOUTH_SIDE, Mouth, Visible};
 use facewire_face::{Appearance, BLENDSHAPES, COEFFS, InferError, LANDMARKS, Landmarks, Looks};
 
 use half::{f16, slice::HalfFloatSliceExt};
@@ -114,24 +114,24 @@ pub struct Appearances {
 /// These networks.
 struct Networks {
     eyes: Eyes,
-    parts: Parts,
+    mouth: Mouth,
     visible: Visible,
 }
 
 impl Networks {
     fn load() -> Result<Self, InferError> {
-        Ok(Self { eyes: Eyes::load()?, parts: Parts::load()?, visible: Visible::load()? })
+        Ok(Self { eyes: Eyes::load()?, mouth: Mouth::load()?, visible: Visible::load()? })
     }
 
     fn read(&mut self, row: &[f16]) -> Result<Looks, InferError> {
         let (map, pictures) = row.split_at(Appearances::VALUES);
-        let (eyes, parts) = pictures.split_at(Appearances::EYES);
+        let (eyes, mouth) = pictures.split_at(Appearances::EYES);
         let mut appearance = Appearance::zero();
         map.convert_to_f32_slice(appearance.skin.as_flattened_mut());
         eyes.convert_to_f32_slice(self.eyes.pictures.as_flattened_mut());
-        parts.convert_to_f32_slice(self.parts.pictures.as_flattened_mut());
+        mouth.convert_to_f32_slice(&mut *self.mouth.picture);
         let in_view = self.visible.read(&appearance.skin)?;
-        Ok(Looks { eyes: self.eyes.read()?, parts: self.parts.read()?, in_view })
+        Ok(Looks { eyes: self.eyes.read()?, mouth: self.mouth.read()?, in_view })
     }
 }
 
@@ -139,8 +139,8 @@ impl Appearances {
     /// Values of the feature map.
     pub const VALUES: usize = APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS;
     const EYES: usize = 2 * EYE_SIDE * EYE_SIDE;
-    /// Values of the feature map, pixels of the right eye and of the left, and pixels of the mouth and of the brows.
-    pub const ROW: usize = Self::VALUES + Self::EYES + 2 * PART_SIDE * PART_SIDE;
+    /// Values of the feature map, pixels of the right eye and of the left, and pixels of the mouth.
+    pub const ROW: usize = Self::VALUES + Self::EYES + MOUTH_SIDE * MOUTH_SIDE;
 
     fn new(rows: Vec<f16>) -> Result<Self> {
         let read = |networks: &mut Result<Networks, InferError>, row: &[f16]| -> Result<Looks> {

@@ -43,13 +43,11 @@ impl<'a> Faces<'a> {
 
     pub fn raw(&self, model: &Model, row: usize) -> Result<Coefficients, SolveError> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
-        let face = normalise(&self.samples[row].landmarks)?;
-        let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
         let raw = self.of_landmarks(model, row)?;
+        let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
         let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
-        if let Some(appearance) = appearance {
-            model.look(&mut raw, &face, &self.features[row], &appearance.looks);
-        }
+        let eyes = appearance.as_ref().map(|appearance| &appearance.looks.eyes);
+        model.look(&mut raw, &normalise(&self.samples[row].landmarks)?, eyes);
         Ok(raw)
     }
 

@@ -1,9 +1,8 @@
-//! `facewire-fit tune`: finds parameters from clips with truth. The corrective terms and the shares of pictures have modules of
-//! their own; here is the trial of every kind of filter with many times for each part of the face.
+//! `facewire-fit tune`: finds parameters from clips with truth. The corrective terms have a module of their own; here is the
+//! trial of every kind of filter with many times for each part of the face.
 
 pub mod correction;
 pub mod measure;
-pub mod pictures;
 
 use std::path::PathBuf;
 
@@ -26,8 +25,6 @@ use crate::output::{self, Table, figures, number};
 pub enum Command {
     /// Find the corrective terms (eq. 7) of every blendshape, and write the model with them
     Correction(correction::Options),
-    /// Find the shares of the networks that read pictures of mouth and brows, and write the model with them
-    Pictures(pictures::Options),
     /// Try every filter with many times on each part of the face, and plot the delay against the jitter of a face at rest
     Smoothing(Options),
 }
@@ -35,7 +32,6 @@ pub enum Command {
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Correction(options) => correction::run(options),
-        Command::Pictures(options) => pictures::run(options),
         Command::Smoothing(options) => smoothing(options),
     }
 }

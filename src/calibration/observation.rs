@@ -2,7 +2,7 @@
 //! the wearer holds still and the frames are averaged.
 
 use facewire_face::stages::{Coefficients, FaceMean, Features, normalise};
-use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Looks, Model, Neutral};
+use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, Neutral};
 use facewire_packet::control::{Refusal, Take};
 
 use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
@@ -53,20 +53,17 @@ impl Seen {
         let face = normalise(landmarks).ok()?;
         let head_deg = HeadPose::new(&face, camera).yaw_pitch_roll_deg();
         let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Coefficients([0.0; COEFFS])));
-        let looks = appearance.map(|it| it.looks);
-        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], looks, face, head_deg })
+        let eyes = appearance.map(|it| it.looks.eyes);
+        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], eyes, face, head_deg })
     }
 
-    /// What the regression and the pictures give for this face. Without a neutral face it is measured from the
+    /// What the regression and the pictures of the eyes give for this face. Without a neutral face it is measured from the
     /// mean of many people. `None` if the model makes nothing of it.
     pub fn raw(&self, model: &Model, neutral: Option<&Neutral>) -> Option<[f32; COEFFS]> {
         let [unknown, known] = &self.residuals;
         let residual = if neutral.is_some() { known } else { unknown };
-        let features = Features::new(&self.face, neutral);
-        let mut raw = model.process(&features).ok()?.plus(residual);
-        if let Some(looks) = &self.looks {
-            model.look(&mut raw, &self.face, &features, looks);
-        }
+        let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
+        model.look(&mut raw, &self.face, self.eyes.as_ref());
         Some(raw.0)
     }
 }
@@ -126,7 +123,7 @@ pub(super) struct Hold {
     faces: FaceMean,
     /// Sums over the frames.
     residuals: [[f32; COEFFS]; 2],
-    looks: Option<Looks>,
+    eyes: Option<EyeValues>,
     coefficients: [f32; COEFFS],
     head_deg: [f32; 3],
     /// The angles of the head and the strength at the beginning, and the greatest strength since.
@@ -143,7 +140,7 @@ impl Hold {
         let mut hold = Self {
             faces: FaceMean::default(),
             residuals: [[0.0; COEFFS]; 2],
-            looks: view.seen.looks.map(zero),
+            eyes: view.seen.eyes.map(|_| EyeValues::default()),
             coefficients: [0.0; COEFFS],
             head_deg: [0.0; 3],
             first_head_deg: view.seen.head_deg,
@@ -160,9 +157,7 @@ impl Hold {
         let add = |sums: &mut [f32], values: &[f32]| sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         self.faces.add(&seen.face);
         self.residuals.iter_mut().zip(&seen.residuals).for_each(|(sums, residual)| add(sums, &residual.0));
-        if let Some((sums, looks)) = self.looks.as_mut().zip(seen.looks) {
-            sums.values_mut().zip(looks.values()).for_each(|(sum, value)| *sum += value);
-        }
+        self.eyes.iter_mut().zip(&seen.eyes).for_each(|(sums, eyes)| add(sums.as_flattened_mut(), eyes.as_flattened()));
         add(&mut self.coefficients, coefficients);
         add(&mut self.head_deg, &seen.head_deg);
         self.peak = self.peak.max(*strength);
@@ -205,13 +200,7 @@ impl Hold {
     pub(super) fn finish(&self) -> Option<Seen> {
         let mean = |sum: f32| sum / self.faces.frames() as f32;
         let residuals = self.residuals.map(|sums| Coefficients(sums.map(mean)));
-        let mut looks = self.looks;
-        looks.iter_mut().flat_map(Looks::values_mut).for_each(|value| *value = mean(*value));
-        Some(Seen { face: self.faces.finish()?, residuals, looks, head_deg: self.head_deg.map(mean) })
+        let eyes = self.eyes.map(|sums| sums.map(|values| values.map(mean)));
+        Some(Seen { face: self.faces.finish()?, residuals, eyes, head_deg: self.head_deg.map(mean) })
     }
-}
-
-fn zero(mut looks: Looks) -> Looks {
-    looks.values_mut().for_each(|value| *value = 0.0);
-    looks
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use facewire_face::stages::{Coefficients, Normalised};
-use facewire_face::{BLENDSHAPES, COEFFS, Looks, MAX_REST, Model, Neutral, Profile};
+use facewire_face::{BLENDSHAPES, COEFFS, EyeValues, MAX_REST, Model, Neutral, Profile};
 use facewire_packet::control::{Refusal, Take};
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
@@ -74,8 +74,8 @@ pub struct Seen {
     pub face: Normalised,
     /// What the look of the face adds to the coefficients, while the neutral face is unknown and once it is known.
     pub residuals: [Coefficients; 2],
-    /// What facewire's own networks give, if the face was seen in a picture.
-    pub looks: Option<Looks>,
+    /// What the network of the eyes gives, if the face was seen in a picture.
+    pub eyes: Option<EyeValues>,
     pub head_deg: [f32; 3],
 }
 

@@ -76,9 +76,6 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// offsets = [0.1, -2.0, 0.5]
 /// outputs = [[1.5, 0.2]]      # the weights of each hidden unit for yaw and pitch
 ///
-/// [pictures]                  # may be missing: shares of what the networks of mouth and brows give
-/// jawOpen = 0.4
-///
 /// [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
 /// shift = -0.02               # beta
 /// slope = 1.05                # 1 - gamma
@@ -100,8 +97,6 @@ pub struct ModelFile {
     pub appearance: Option<AppearanceTable>,
     pub gaze: Option<GazeTable>,
     pub eyes: Option<EyesTable>,
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub pictures: BTreeMap<String, f64>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, CorrectiveTerms>,
 }
@@ -270,8 +265,7 @@ impl ModelFile {
         let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
         let gaze = self.gaze.as_ref().map(GazeTable::to_layer).transpose()?;
         let eyes = self.eyes.as_ref().map(EyesTable::to_layer).transpose()?;
-        let regression = self.regression()?;
-        Ok(Model { appearance, gaze, eyes, pictures: self.pictures()?, correction: self.correction()?, regression })
+        Ok(Model { appearance, gaze, eyes, correction: self.correction()?, regression: self.regression()? })
     }
 
     pub(super) fn regression(&self) -> Result<Regression, ModelError> {
@@ -308,21 +302,6 @@ impl ModelFile {
     }
 
     /// Blendshapes that the table does not have keep the usual terms.
-    fn pictures(&self) -> Result<[f32; COEFFS], ModelError> {
-        let mut shares = [0.0; COEFFS];
-        for (name, share) in &self.pictures {
-            let slot = BLENDSHAPES.iter().zip(&mut shares).find(|(known, _)| *known == name);
-            let (_, slot) = slot.ok_or_else(|| unknown("pictures", name))?;
-            let entry = format!("pictures.{name}");
-            let share = finite(&entry, *share)?;
-            if !(0.0..=1.0).contains(&share) {
-                return Err(invalid(&entry, "is not a share from 0 to 1"));
-            }
-            *slot = share;
-        }
-        Ok(shares)
-    }
-
     fn correction(&self) -> Result<Correction, ModelError> {
         let mut all = Correction::default();
         for (name, terms) in &self.correction {

@@ -132,9 +132,6 @@ pub struct Model {
     pub(crate) gaze: Option<GazeLayer>,
     /// The layer from pictures of the eyes to where they look.
     pub(crate) eyes: Option<EyesLayer>,
-    /// Shares of the networks that read pictures of mouth and brows, in the coefficients that they give.
-    #[serde(with = "list")]
-    pub pictures: [f32; COEFFS],
     /// The corrective terms.
     pub correction: Correction,
 }

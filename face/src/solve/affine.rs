@@ -7,7 +7,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::view::Counts;
 use super::{Neutral, SolveError};
 use crate::track::{LANDMARKS, Landmarks};
 
@@ -15,8 +14,6 @@ use crate::track::{LANDMARKS, Landmarks};
 const MIN_EYE_DISTANCE_PX: f64 = 4.0;
 /// Largest root-mean-square misfit of the rigid points, eye distances. Faces stay below 0.15.
 pub(super) const MAX_MISFIT: f64 = 0.4;
-/// Least weight of a covered point, so that a face that is covered as a whole has a basis, too.
-const LEAST_WEIGHT: f32 = 0.02;
 /// Largest coordinate of a face, eye distances. Faces stay below 3.
 pub(super) const MAX_COORDINATE: f32 = 10.0;
 /// Limit on the iterations of the 3 x 3 singular value decomposition. In double precision, 10 suffice.
@@ -133,15 +130,10 @@ impl FaceMean {
 
 /// Transforms a face into its own basis (eq. 3).
 pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, SolveError> {
-    normalise_in_view(landmarks, &Counts::WHOLE)
-}
-
-/// Like [`normalise`], by the rigid points that count.
-pub(super) fn normalise_in_view(landmarks: &Landmarks, counts: &Counts) -> Result<Normalised, SolveError> {
     if !landmarks.is_finite() {
         return Err(SolveError::NotFinite);
     }
-    let (rotation, scale, origin) = fit_rigid(landmarks, counts)?;
+    let (rotation, scale, origin) = fit_rigid(landmarks)?;
     let inverse = (rotation.transpose() / scale).cast::<f32>();
     let origin = origin.cast::<f32>();
     let mut points = landmarks.0;
@@ -162,32 +154,26 @@ fn upright([x, y, z]: [f32; 3]) -> Vector3<f32> {
     Vector3::new(x, -y, -z)
 }
 
-/// The rotation, scale and origin of the similarity that takes [`RIGID`] to the landmarks, each with the weight that it counts.
-fn fit_rigid(landmarks: &Landmarks, counts: &Counts) -> Result<(Matrix3<f64>, f64, Vector3<f64>), SolveError> {
+/// The rotation, scale and origin of the similarity that takes [`RIGID`] to the landmarks.
+fn fit_rigid(landmarks: &Landmarks) -> Result<(Matrix3<f64>, f64, Vector3<f64>), SolveError> {
     let pairs = || {
         RIGID.iter().filter_map(|(index, canonical)| {
             let seen = upright(*landmarks.0.get(*index)?).cast::<f64>();
-            let weight = f64::from(counts.landmark(*index).max(LEAST_WEIGHT));
-            Some((seen, Vector3::from(*canonical), weight))
+            Some((seen, Vector3::from(*canonical)))
         })
     };
-    let mut count = 0.0;
-    let mut sums = [Vector3::zeros(); 2];
-    for (seen, canonical, weight) in pairs() {
-        count += weight;
-        sums[0] += weight * seen;
-        sums[1] += weight * canonical;
-    }
+    let count = RIGID.len() as f64;
+    let sums = pairs().fold([Vector3::zeros(); 2], |[a, b], (seen, canonical)| [a + seen, b + canonical]);
     let [seen_mean, canonical_mean] = sums.map(|sum| sum / count);
     let mut covariance = Matrix3::zeros();
     let mut seen_var = 0.0;
     let mut canonical_var = 0.0;
-    for (seen, canonical, weight) in pairs() {
+    for (seen, canonical) in pairs() {
         let s = seen - seen_mean;
         let c = canonical - canonical_mean;
-        covariance += weight * s * c.transpose();
-        seen_var += weight * s.norm_squared();
-        canonical_var += weight * c.norm_squared();
+        covariance += s * c.transpose();
+        seen_var += s.norm_squared();
+        canonical_var += c.norm_squared();
     }
     let (rotation, trace) = nearest_rotation(covariance).ok_or(SolveError::TooSmall)?;
     let scale = trace / canonical_var;

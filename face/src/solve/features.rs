@@ -4,7 +4,6 @@
 //! nothing but zeros.
 
 use super::affine::{MAX_COORDINATE, MAX_MISFIT, RIGID};
-use super::view::Counts;
 use super::{LANDMARKS, Normalised, SolveError};
 use crate::model::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES};
 
@@ -70,7 +69,6 @@ pub struct Features {
     pub(super) values: [f32; FEATURES],
     /// How far the wearer's neutral face is known, as in [`Reference`].
     pub(super) known: f32,
-    pub(super) counts: Counts,
 }
 
 impl Features {
@@ -86,17 +84,12 @@ impl Features {
         let [yaw, pitch] = face.turns();
         let all = measures.into_iter().chain([yaw, pitch, face.rotation.m21]);
         values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
-        Self { values, known, counts: Counts::WHOLE }
+        Self { values, known }
     }
 
-    /// The same features, of which some are covered.
-    pub(super) fn in_view(self, counts: Counts) -> Self {
-        Self { counts, ..self }
-    }
-
-    /// The feature minus what is left to subtract of its mean over neutral faces. It is 0 for what is covered.
+    /// The feature minus what is left to subtract of its mean over neutral faces.
     pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32) -> f32 {
-        self.counts.feature(id) * (self.get(id) - (1.0 - self.known) * neutral_mean)
+        self.get(id) - (1.0 - self.known) * neutral_mean
     }
 
     pub(super) fn get(&self, id: FeatureId) -> f32 {

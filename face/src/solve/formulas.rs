@@ -15,8 +15,7 @@ impl Cases<FormulaSet> {
         // The values of the inputs with mean 0 and deviation 1.
         let mut standardised = [0.0; FEATURES];
         for (value, input) in standardised.iter_mut().zip(&set.inputs) {
-            let from_mean = features.counts.feature(input.feature) * (features.get(input.feature) - input.mean);
-            *value = from_mean * input.per_deviation;
+            *value = (features.get(input.feature) - input.mean) * input.per_deviation;
         }
         let mut coefficients = [0.0; COEFFS];
         for (coefficient, formula) in coefficients.iter_mut().zip(&set.formulas) {
@@ -103,14 +102,7 @@ mod tests {
             FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
         let regression = Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) });
-        Model {
-            regression,
-            appearance: None,
-            gaze: None,
-            eyes: None,
-            pictures: [0.0; COEFFS],
-            correction: Correction::default(),
-        }
+        Model { regression, appearance: None, gaze: None, eyes: None, correction: Correction::default() }
     }
 
     fn turned() -> Normalised {

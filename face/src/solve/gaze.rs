@@ -105,8 +105,8 @@ impl EyesLayer {
 
 impl Model {
     /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
-    pub(super) fn look_into_eyes(&self, raw: &mut Coefficients, face: &Normalised, eyes: &EyeValues) {
-        if let Some(layer) = &self.eyes {
+    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
+        if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
             let seen = Gaze::of(raw);
             let features = Features::new(face, Reference::MEAN);
             let shut = pick(&raw.0, BLINKS).into_iter().fold(0.0, f32::max);
@@ -161,7 +161,7 @@ impl Offset {
 mod tests {
     use super::*;
     use crate::model::{Cases, EYE_SUMS, EYE_VALUES, FEATURES, FeatureId, GazeInput};
-    use crate::solve::{filter::FRAME_S, normalise, view::Counts};
+    use crate::solve::{filter::FRAME_S, normalise};
     use crate::testing::face;
 
     /// A map that turns the gaze by 100 degrees to the left and upwards for 1 of the left iris's x.
@@ -175,7 +175,7 @@ mod tests {
 
     /// Steps by a frame in which map and regression see the eyes turned by these angles both to the left and upwards.
     fn follow(offset: &mut Offset, map_deg: f32, seen_deg: f32) -> Gaze {
-        let mut features = Features { values: [0.0; FEATURES], known: 0.0, counts: Counts::WHOLE };
+        let mut features = Features { values: [0.0; FEATURES], known: 0.0 };
         features.values[layer().inputs[0].feature.index()] = 0.5 + map_deg / 100.0;
         let mut raw = Coefficients([0.0; COEFFS]);
         Gaze { yaw_pitch_deg: [seen_deg; 2], vergence_deg: 1.0 }.write(&mut raw.0);
@@ -248,7 +248,7 @@ mod tests {
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
             values[1][3] = value;
             put(&mut raw.0, BLINKS, [shut, 0.0]);
-            model.look_into_eyes(&mut raw, &head, &values);
+            model.look(&mut raw, &head, Some(&values));
             let want = towards([1.0, 2.0], found_deg, PICTURE_SHARE);
             let got = Gaze::of(&raw).yaw_pitch_deg;
             assert!(got.iter().zip(want).all(|(got, want)| (got - want).abs() < 0.1), "{got:?} in place of {want:?}");

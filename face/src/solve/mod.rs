@@ -53,9 +53,4 @@ impl Coefficients {
         self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);
         self
     }
-
-    /// Multiplies all coefficients.
-    pub(crate) fn times(self, factor: f32) -> Self {
-        Self(self.0.map(|value| factor * value))
-    }
 }

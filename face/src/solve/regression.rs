@@ -9,7 +9,7 @@ use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 use super::features::{Features, Reference};
 use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
-use crate::track::{Appearance, Looks};
+use crate::track::Appearance;
 
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
@@ -31,8 +31,8 @@ impl Model {
     ) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
             (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
-                let unknown = self.process(&Features::new(face, Reference::MEAN).in_view(features.counts))?;
-                let known = self.process(&Features::new(face, reference.neutral).in_view(features.counts))?;
+                let unknown = self.process(&Features::new(face, Reference::MEAN))?;
+                let known = self.process(&Features::new(face, reference.neutral))?;
                 Ok(Coefficients(towards(unknown.0, known.0, reference.known)))
             }
             _ => self.process(features),
@@ -53,12 +53,6 @@ impl Model {
     pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
         let both = self.appearance.as_ref().zip(appearance);
         both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
-    }
-
-    /// Blends into the result of the regression what the pictures of eyes, mouth and brows show, as far as the model reads them.
-    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, features: &Features, looks: &Looks) {
-        self.look_into_eyes(raw, face, &looks.eyes);
-        features.counts.blend(raw, &looks.parts, &self.pictures);
     }
 }
 
@@ -115,9 +109,7 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
-    use crate::solve::{
-        Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN, view::Counts,
-    };
+    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
     use crate::track::Face;
 
@@ -138,7 +130,7 @@ mod tests {
         for (name, table) in ModelFile::parse(SHIPPED).expect("sound").inputs {
             values[FeatureId::from_name(&name).expect("known").index()] += (1.0 - known) * table.neutral as f32;
         }
-        Features { values, known, counts: Counts::WHOLE }
+        Features { values, known }
     }
 
     #[test]
@@ -227,7 +219,7 @@ mod tests {
         let camera = Camera::new([640.0, 480.0], 60.0);
         // The face has few points, so only displacements from itself are sensible.
         let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
-        let model = Model { appearance: Some(appearance_layer()), pictures: [0.0; COEFFS], ..Model::embedded() };
+        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
         let mut solver = Solver::new(model, Profile { neutral, ..Profile::default() }, Shaping::only(Filters::OFF));
         let [alone, both] = [None, Some(&appearance(6.0))].map(|appearance| {
             let face = Face { landmarks: &landmarks, appearance };

@@ -7,10 +7,10 @@ use thiserror::Error;
 
 use super::{
     Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
-    Reference, Rules, affine::normalise_in_view, correct, gaze::Offset, mirror_image,
-    neutral_estimate::NeutralEstimate, output::Crossfade, plausible::GazeState, turned, view::View,
+    Reference, Rules, correct, gaze::Offset, mirror_image, neutral_estimate::NeutralEstimate, normalise,
+    output::Crossfade, plausible::GazeState, turned, view::View,
 };
-use crate::track::Face;
+use crate::track::{Appearance, Face};
 
 /// Share of the wearer's own face in the reference from which on the neutral face counts as estimated.
 const ESTIMATED: f32 = 0.25;
@@ -162,17 +162,18 @@ impl Solver {
             self.history.since_s(time_us),
         );
         let counts = view.counts();
-        let face = normalise_in_view(landmarks, &counts)?;
+        let face = normalise(landmarks)?;
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
-        let features = Features::new(&face, reference).in_view(counts);
+        let features = Features::new(&face, reference);
         let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
         let mut raw = self.model.solve(&face, &features, reference)?;
         if let Some(residual) = self.model.residual(appearance, reference.known)? {
-            raw = raw.plus(&residual.times(counts.least()));
+            raw = raw.plus(&residual);
         }
-        if let Some(appearance) = appearance {
-            self.model.look(&mut raw, &face, &features, &appearance.looks);
+        if let Some(Appearance { looks, .. }) = appearance {
+            self.model.look(&mut raw, &face, Some(&looks.eyes));
+            counts.look_at_mouth(&mut raw, &looks.mouth);
         }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
@@ -183,7 +184,7 @@ impl Solver {
         let step_s = self.history.step_s(time_us);
         self.history.view = view;
         // Only what is in view is learned.
-        let is_whole = counts.least() >= 1.0;
+        let is_whole = counts.are_whole();
         if calibrated.is_none() && is_whole {
             self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
         }
@@ -257,7 +258,7 @@ impl History {
 #[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::solve::{FilterKind, MAX_REST, normalise};
+    use crate::solve::{FilterKind, MAX_REST};
     use crate::testing::face;
     use crate::track::{LANDMARKS, Landmarks};
 

@@ -2,10 +2,9 @@
 
 use super::eyes::EyeValues;
 use super::feature_map::{FeatureMap, bounds};
-use super::parts::PartValues;
+use super::mouth::{MOUTH_VALUES, MouthValues};
 use super::refinement::{FEATURE_SCALE, LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
 use super::visible::{InView, REGIONS};
-use crate::COEFFS;
 use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 
 /// Number of points of the mesh, which come first.
@@ -69,28 +68,16 @@ const WHOLE: f32 = 10.0;
 pub struct Looks {
     /// Values of the network of the eyes.
     pub eyes: EyeValues,
-    /// Coefficients by the networks of mouth and brows.
-    pub parts: PartValues,
+    /// Coefficients by the network of the mouth. They are read while the eyes are covered.
+    pub mouth: MouthValues,
     /// The log-odds that each region is in view.
     pub in_view: InView,
-}
-
-impl Looks {
-    /// All values.
-    pub fn values(&self) -> impl Iterator<Item = &f32> {
-        self.eyes.as_flattened().iter().chain(&self.parts).chain(&self.in_view)
-    }
-
-    /// All values, in the order of [`Looks::values`].
-    pub fn values_mut(&mut self) -> impl Iterator<Item = &mut f32> {
-        self.eyes.as_flattened_mut().iter_mut().chain(&mut self.parts).chain(&mut self.in_view)
-    }
 }
 
 impl Default for Looks {
     /// All values 0, of a face that is wholly in view.
     fn default() -> Self {
-        Self { eyes: EyeValues::default(), parts: [0.0; COEFFS], in_view: [WHOLE; REGIONS] }
+        Self { eyes: EyeValues::default(), mouth: [0.0; MOUTH_VALUES], in_view: [WHOLE; REGIONS] }
     }
 }
 
@@ -99,7 +86,7 @@ impl Default for Looks {
 pub struct Appearance {
     /// The values of the feature map at [`APPEARANCE_LANDMARKS`], one row per landmark.
     pub skin: Box<[[f32; APPEARANCE_CHANNELS]]>,
-    /// What the networks of eyes, mouth and brows, and of what is in view give.
+    /// What facewire's own networks give.
     pub looks: Looks,
     /// Log-odds, by the mesh network, that the region shows a face: at least 0. They are about 25 for a face in view, and
     /// mostly below 15 for one that is upside down or whose eyes are covered.

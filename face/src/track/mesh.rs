@@ -12,7 +12,7 @@ use super::crop::{Border, CropShape, crop};
 use super::eyes::Eyes;
 use super::feature_map::{FeatureMap, Transform};
 use super::landmarks::{Appearance, Face, FaceBox, Landmarks};
-use super::parts::Parts;
+use super::mouth::Mouth;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
@@ -20,6 +20,9 @@ use super::refinement::{
 use super::visible::Visible;
 
 const SIDE: usize = 192;
+/// Log-odds that an eye is in view, below which the mouth is read from its picture, and for how many pictures more.
+const MOUTH_ODDS: f32 = 1.0;
+const MOUTH_PICTURES: u8 = 30;
 /// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
 const MIN_FLAG: f32 = 0.0;
 
@@ -65,8 +68,10 @@ pub struct Mesh {
     block: Block,
     /// What the eyes of the last face look like.
     pub eyes: Eyes,
-    /// What other parts of the last face look like.
-    pub parts: Parts,
+    /// What the mouth of the last face looked like while the eyes were covered.
+    pub mouth: Mouth,
+    /// Number of pictures in which the network of the mouth still runs, although the eyes are in view.
+    mouth_pictures: u8,
     visible: Visible,
     landmarks: Landmarks,
     appearance: Appearance,
@@ -94,7 +99,8 @@ impl Mesh {
             heads: REFINEMENTS.iter().map(head).collect::<Result<_, _>>()?,
             block: Block::default(),
             eyes: Eyes::load()?,
-            parts: Parts::load()?,
+            mouth: Mouth::load()?,
+            mouth_pictures: 0,
             visible: Visible::load()?,
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
@@ -123,10 +129,21 @@ impl Mesh {
         to_picture(region, &mut self.landmarks);
         self.eyes.look(picture, region, &self.landmarks, &mut self.block);
         self.appearance.looks.eyes = self.eyes.read()?;
-        self.parts.look(picture, region, &self.landmarks, &mut self.block);
-        self.appearance.looks.parts = self.parts.read()?;
         self.appearance.looks.in_view = self.visible.read(&self.appearance.skin)?;
+        self.look_at_mouth(picture, region)?;
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
+    }
+
+    /// Reads the mouth from its picture while the eyes are covered, and for some pictures more, in which the coefficients lead
+    /// back to those of the landmarks.
+    fn look_at_mouth(&mut self, picture: &Picture, region: &FaceBox) -> Result<(), InferError> {
+        let are_covered = self.appearance.looks.in_view.iter().take(2).any(|odds| *odds < MOUTH_ODDS);
+        self.mouth_pictures = if are_covered { MOUTH_PICTURES } else { self.mouth_pictures.saturating_sub(1) };
+        if self.mouth_pictures > 0 {
+            self.mouth.look(picture, region, &self.landmarks, &mut self.block);
+            self.appearance.looks.mouth = self.mouth.read()?;
+        }
+        Ok(())
     }
 
     /// Returns the score of the face inside `region`, if the network sees one there, and the region for the next picture.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use facewire::capture::JpegDecoder;
-use facewire_face::stages::{Detector, Mesh};
+use facewire_face::stages::{Block, Detector, Mesh, Mouth};
 use facewire_face::{COEFFS, Face, FaceBox, LANDMARKS, Landmarks};
 use glam::Vec2;
 use half::f16;
@@ -85,8 +85,8 @@ impl<'a> Worker<'a> {
                 let skin = face.appearance.iter().flat_map(|appearance| appearance.skin.as_flattened());
                 rows.appearance.extend(skin.map(|value| f16::from_f32(*value)));
                 let eyes = self.finder.mesh.eyes.pictures.as_flattened();
-                let parts = self.finder.mesh.parts.pictures.as_flattened();
-                rows.appearance.extend(eyes.iter().chain(parts).map(|pixel| f16::from_f32(*pixel)));
+                let mouth = self.finder.mouth.picture.iter();
+                rows.appearance.extend(eyes.iter().chain(mouth).map(|pixel| f16::from_f32(*pixel)));
                 return Ok(Some(jpeg));
             }
         }
@@ -150,6 +150,9 @@ struct Finder {
     decoder: JpegDecoder,
     detector: Detector,
     mesh: Mesh,
+    /// The mesh looks at the mouth only while the eyes are covered.
+    mouth: Mouth,
+    block: Block,
 }
 
 impl Finder {
@@ -159,6 +162,8 @@ impl Finder {
             decoder: JpegDecoder::new(width, height)?,
             detector: Detector::load(engine.as_ref())?,
             mesh: Mesh::load(engine.as_ref())?,
+            mouth: Mouth::load()?,
+            block: Block::default(),
         })
     }
 
@@ -172,8 +177,10 @@ impl Finder {
         }
         let Some(around) = region else { return Ok(None) };
         let is_this = |landmarks: &Landmarks| FaceBox::following(landmarks).is_some() && seen.agrees(landmarks);
-        let is_found = self.mesh.find(&picture, &around)?.is_some_and(is_this);
-        Ok(is_found.then(|| self.mesh.face()))
+        let found = self.mesh.find(&picture, &around)?.filter(|landmarks| is_this(landmarks));
+        let Some(landmarks) = found else { return Ok(None) };
+        self.mouth.look(&picture, &around, landmarks, &mut self.block);
+        Ok(Some(self.mesh.face()))
     }
 }
 

@@ -32,7 +32,7 @@ fn shows(head_deg: [f32; 3], shown: Shown) -> Sight {
     let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
     let mut residual = Coefficients([0.0; COEFFS]);
     shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
-    Ok(Seen { face, residuals: [residual; 2], looks: None, head_deg })
+    Ok(Seen { face, residuals: [residual; 2], eyes: None, head_deg })
 }
 
 /// The pose of a take, performed to this extent.

@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
-"""Trains the networks that read pictures of the mouth and of the brows, and the one that tells which parts of a face are in view.
+"""Trains the networks for faces of which a part is covered.
 
     pip install numpy torch
-    models/parts/train.py faces/{covered,halves}/faces.npz
+    models/covered/train.py faces/covered/faces.npz
 
-The archives are those of `facewire-fit synth`. `models/mouth.fwnet` and `models/brows.fwnet` read a grey picture of the part and
-give its coefficients. They do not know the wearer, but neither do they need other parts of the face, which may be covered.
-`models/visible.fwnet` reads the feature map of the mesh network at its landmarks and gives, for each region, the log-odds that
-it is in view.
+The archives are those of `facewire-fit synth`. `models/visible.fwnet` reads the feature map of the mesh network at its landmarks
+and gives, for each region, the log-odds that it is in view. `models/mouth.fwnet` reads a grey picture of the mouth and gives its
+coefficients. It does not know the wearer, but neither does it need the eyes, which a headset covers.
 
 Training changes place, size, turn, sharpness, light and noise of each picture, which is then made even in brightness and
-contrast. The mirror image of a face counts as another face. A part that is covered does not count. All subjects but one in eight
-are trained on, and the result is judged on those.
+contrast. The mirror image of a face counts as another face. A covered mouth does not count. All subjects but one in eight are
+trained on, and the result is judged on those. `--judge` judges the regions in further archives.
 """
 
 import argparse
@@ -30,8 +29,9 @@ _spec = importlib.util.spec_from_file_location("eyes", ROOT / "models/eyes/train
 eyes = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(eyes)
 
-# As in face/src/track/parts.rs and face/src/model/mod.rs.
-SIDE, MAP, EYES, CHANNELS_AT_LANDMARK = 64, 5760, 2 * 32 * 32, 32
+# As in face/src/track/mouth.rs and fit/src/dataset.rs: the side of a picture, and where in `features` it begins.
+SIDE, MAP = 64, 5760
+FIRST = MAP + 2 * 32 * 32
 REGIONS = ["left_eye", "right_eye", "brows", "mouth", "cheeks"]
 HELD_OUT, IN_VIEW = 8, 0.6
 STEM, BLOCKS = 16, ((2, 24), (1, 24), (2, 48), (1, 48), (2, 64), (1, 64))
@@ -41,31 +41,23 @@ BATCH, RATE, DECAY = 256, 4e-3, 2e-3
 BANDS, RARITY = np.array([0.02, 0.15, 0.3, 0.5, 0.7]), -0.4
 
 
-def named(names, prefixes, without=()):
-    """Returns the indices of the blendshapes whose names begin so."""
-    return [index for index, name in enumerate(names)
-            if name.startswith(prefixes) and name not in without]
+PREFIXES = ("jaw", "mouth", "cheekPuff")
 
 
-PARTS = {"mouth": (3, ("jaw", "mouth", "cheekPuff")), "brows": (2, ("brow", "eyeWide", "eyeSquint"))}
+class Mouths:
+    """The pictures of mouths in view in some archives, true coefficients, and subjects."""
 
-
-class Faces:
-    """The pictures of a part in some archives, true coefficients, and subjects. Faces whose part is covered are left out."""
-
-    def __init__(self, paths, part):
-        number = list(PARTS).index(part)
-        region, prefixes = PARTS[part]
-        first = MAP + EYES + number * SIDE * SIDE
+    def __init__(self, paths):
         pictures, truth, held_out = [], [], []
         for path in paths:
             archive = np.load(path)
             self.names = json.loads(path.with_name("names.json").read_text())
-            shown = archive["visible"][:, region] > IN_VIEW
-            pictures.append(archive["features"][:, first:first + SIDE * SIDE][shown].astype(np.uint8))
-            truth.append(archive["weights"][shown][:, named(self.names, prefixes)])
+            read = [index for index, name in enumerate(self.names) if name.startswith(PREFIXES)]
+            shown = archive["visible"][:, REGIONS.index("mouth")] > IN_VIEW
+            pictures.append(archive["features"][shown, FIRST:].astype(np.uint8))
+            truth.append(archive["weights"][shown][:, read])
             held_out.append(archive["subject"][shown] % HELD_OUT == HELD_OUT - 1)
-        self.names = [self.names[index] for index in named(self.names, prefixes)]
+        self.names = [self.names[index] for index in read]
         self.pictures = torch.from_numpy(np.concatenate(pictures).reshape(-1, 1, SIDE, SIDE))
         self.truth = torch.from_numpy(np.concatenate(truth))
         held_out = np.concatenate(held_out)
@@ -98,8 +90,8 @@ def varied(pictures, random):
     return pictures + torch.rand(count, 1, 1, 1) * 0.2 * torch.randn_like(pictures)
 
 
-class Part(nn.Module):
-    """The network: from the picture of a part to its coefficients."""
+class Mouth(nn.Module):
+    """The network: from the picture of a mouth to its coefficients."""
 
     def __init__(self, outputs):
         super().__init__()
@@ -121,10 +113,10 @@ def train(faces, epochs):
     """Returns the trained network."""
     random = np.random.default_rng(1)
     torch.manual_seed(1)
-    part = Part(len(faces.names)).to(memory_format=torch.channels_last)
+    mouth = Mouth(len(faces.names)).to(memory_format=torch.channels_last)
     steps, started = len(faces.seen) // BATCH, time.time()
     print(f"{len(faces.seen)} pictures")
-    optimiser = torch.optim.AdamW(part.parameters(), RATE, weight_decay=DECAY)
+    optimiser = torch.optim.AdamW(mouth.parameters(), RATE, weight_decay=DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * steps, pct_start=0.1)
     for epoch in range(epochs):
         order, total = random.permutation(faces.seen), 0.0
@@ -134,20 +126,20 @@ def train(faces, epochs):
             if random.random() < 0.5:
                 pictures, truth, weights = pictures.flip(3), truth[:, faces.mirrored], weights[:, faces.mirrored]
             pictures = varied(pictures, random).contiguous(memory_format=torch.channels_last)
-            loss = (weights * (part(pictures) - truth) ** 2).mean()
+            loss = (weights * (mouth(pictures) - truth) ** 2).mean()
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
             schedule.step()
             total += loss.item()
         print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.5f}, {time.time() - started:.0f} s", flush=True)
-    return part.eval()
+    return mouth.eval()
 
 
-def judge(part, faces):
+def judge(mouth, faces):
     """Prints how well the held-out subjects are estimated, who are not part of the training."""
     with torch.no_grad():
-        found = torch.cat([part(eyes.evened(faces.pictures[rows].float()))
+        found = torch.cat([mouth(eyes.evened(faces.pictures[rows].float()))
                            for rows in np.array_split(faces.judged, len(faces.judged) // BATCH + 1)]).numpy()
     truth = faces.truth[faces.judged].numpy()
     rows = [(np.corrcoef(x, y)[0, 1], np.polyfit(x, y, 1)[0], ((x - y) ** 2).mean()) for x, y in zip(truth.T, found.T)]
@@ -156,20 +148,20 @@ def judge(part, faces):
     print("mean of {}: r {:.3f}, slope {:.2f}, MSE {:.4f}".format(len(rows), *np.mean(rows, 0)))
 
 
-def network(part):
+def network(mouth):
     """Returns the content of the network's file."""
     writer, side, before = eyes.Writer(), SIDE // 2, STEM
     source = writer.tensor(SIDE, 1)
-    x = writer.add(eyes.CONVOLUTION, [source], (side, STEM), 5, 2, 1, eyes.folded(part.stem, part.scale))
-    x = writer.add(eyes.PRELU, [x], (side, STEM), arrays=[part.activation.weight])
-    x, side, _ = eyes.write_blocks(writer, x, side, before, part.blocks, BLOCKS)
-    x = writer.add(eyes.CONVOLUTION, [x], (side, FEWER), arrays=eyes.folded(part.fewer, part.fewer_scale))
-    x = writer.add(eyes.PRELU, [x], (side, FEWER), arrays=[part.fewer_activation.weight])
-    last = [part.outputs.weight.permute(0, 2, 3, 1), part.outputs.bias]
-    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, part.outputs.out_channels), side, arrays=last))
+    x = writer.add(eyes.CONVOLUTION, [source], (side, STEM), 5, 2, 1, eyes.folded(mouth.stem, mouth.scale))
+    x = writer.add(eyes.PRELU, [x], (side, STEM), arrays=[mouth.activation.weight])
+    x, side, _ = eyes.write_blocks(writer, x, side, before, mouth.blocks, BLOCKS)
+    x = writer.add(eyes.CONVOLUTION, [x], (side, FEWER), arrays=eyes.folded(mouth.fewer, mouth.fewer_scale))
+    x = writer.add(eyes.PRELU, [x], (side, FEWER), arrays=[mouth.fewer_activation.weight])
+    last = [mouth.outputs.weight.permute(0, 2, 3, 1), mouth.outputs.bias]
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, mouth.outputs.out_channels), side, arrays=last))
 
 
-UNITS = 8
+UNITS, EPOCHS_VISIBLE = 8, 8
 
 
 def train_visible(paths, epochs):
@@ -203,9 +195,12 @@ def train_visible(paths, epochs):
             schedule.step()
             total += loss.item()
         print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.4f}, {time.time() - started:.0f} s", flush=True)
-    with torch.no_grad():
-        odds = torch.cat([net(even(rows)) for rows in np.array_split(judged, len(judged) // BATCH + 1)]).numpy()
-    report_visible(odds, shown[judged].numpy())
+
+    def odds_of(values):
+        with torch.no_grad():
+            return torch.cat([net((part.float() - mean) / deviation) for part in values.split(BATCH)]).numpy()
+
+    report_visible(odds_of(values[judged]), shown[judged].numpy())
     first, activation, last = net
     weights = first.weight / deviation
     first_bias = first.bias - weights @ mean
@@ -213,7 +208,7 @@ def train_visible(paths, epochs):
     source = writer.tensor(1, MAP)
     x = writer.add(eyes.CONVOLUTION, [source], (1, UNITS), arrays=[weights, first_bias])
     x = writer.add(eyes.PRELU, [x], (1, UNITS), arrays=[activation.weight])
-    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, len(REGIONS)), arrays=[last.weight, last.bias])), net
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, len(REGIONS)), arrays=[last.weight, last.bias])), odds_of
 
 
 def report_visible(odds, shown):
@@ -230,18 +225,24 @@ def main():
     """Trains, judges, and writes the files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("archives", nargs="+", type=pathlib.Path, metavar="FACES.npz")
-    parser.add_argument("--epochs", type=int, default=24, help="passes over the pictures (default: 24)")
-    parser.add_argument("--only", choices=[*PARTS, "visible"], help="train this network alone")
+    parser.add_argument("--judge", nargs="+", type=pathlib.Path, metavar="FACES.npz", default=[],
+                        help="archives in which the regions in view are judged, too")
+    parser.add_argument("--epochs", type=int, default=20, help="passes over the pictures of mouths (default: 20)")
+    parser.add_argument("--only", choices=["mouth", "visible"], help="train this network alone")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "models", help="folder of the networks")
     arguments = parser.parse_args()
-    for part in PARTS:
-        if arguments.only in (None, part):
-            faces = Faces(arguments.archives, part)
-            trained = train(faces, arguments.epochs)
-            judge(trained, faces)
-            (arguments.out / f"{part}.fwnet").write_bytes(network(trained))
-    if arguments.only in (None, "visible"):
-        (arguments.out / "visible.fwnet").write_bytes(train_visible(arguments.archives, max(arguments.epochs // 2, 1))[0])
+    if arguments.only != "mouth":
+        content, odds_of = train_visible(arguments.archives, EPOCHS_VISIBLE)
+        (arguments.out / "visible.fwnet").write_bytes(content)
+        for path in arguments.judge:
+            archive = np.load(path)
+            print(path)
+            report_visible(odds_of(torch.from_numpy(archive["features"][:, :MAP])), archive["visible"])
+    if arguments.only != "visible":
+        faces = Mouths(arguments.archives)
+        mouth = train(faces, arguments.epochs)
+        judge(mouth, faces)
+        (arguments.out / "mouth.fwnet").write_bytes(network(mouth))
 
 
 if __name__ == "__main__":

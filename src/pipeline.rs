@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use facewire_face::{
-    Camera, Face, Filters, Follow, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
+    Camera, Face, Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
 };
 use facewire_packet::{Pose, Reason};
 
@@ -88,7 +88,7 @@ impl Pipeline {
         let solver = load_solver(settings)?;
         let tracker = are_pictures.then(|| load_tracker(&settings.networks)).transpose()?;
         let mut pipeline = Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
-        pipeline.set_follow(settings.wearer.follow);
+        pipeline.set_wearer(&settings.wearer);
         Ok(pipeline)
     }
 
@@ -139,9 +139,12 @@ impl Pipeline {
         }
     }
 
-    pub fn set_follow(&mut self, follow: Follow) {
+    /// Sets which face is followed, and what the wearer has on it.
+    pub fn set_wearer(&mut self, wearer: &WearerSettings) {
+        self.solver.wears = wearer.wears;
         if let Some(tracker) = &mut self.tracker {
-            tracker.set_follow(follow);
+            tracker.set_follow(wearer.follow);
+            tracker.set_wears(wearer.wears);
         }
     }
 

@@ -53,6 +53,7 @@ export const NAMES = {
   "wearer.folder": "Folder of the profiles",
   "wearer.neutral": "Neutral face",
   "wearer.wears": "On the face",
+  "wearer.follow": "Followed among several",
   "plausibility.lids": "Lids close alike",
   "plausibility.gaze": "Gaze stays in a blink",
   "opposed": "No opposite movements",

@@ -46,8 +46,8 @@ impl Face {
     }
 }
 
-/// A face with the identifier 0, whose values are all 0, which does not turn and of which nothing is covered: a program fills it to restore a face that it
-/// kept, or in a test.
+/// A face with the identifier 0, whose values are all 0, which does not turn and of which nothing is covered: a program fills it
+/// to restore a face that it kept, or in a test.
 impl Default for Face {
     fn default() -> Self {
         Self {

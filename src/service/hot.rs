@@ -246,7 +246,7 @@ impl HotLoop {
             camera.source.leave_out_until(self.timing.wanted_us());
             if let Some(pipeline) = &mut self.pipeline {
                 pipeline.set_turns(step.has_turns());
-                pipeline.set_follow(self.settings.wearer.follow);
+                pipeline.set_wearer(&self.settings.wearer);
             }
             let was_doubtful = self.watch.is_doubtful();
             let outcome = match camera.next() {
@@ -398,7 +398,6 @@ impl HotLoop {
             pipeline.tracker = tracker.or(pipeline.tracker.take());
             let solver = &mut pipeline.solver;
             solver.neutral_mode = self.settings.wearer.neutral;
-            solver.wears = self.settings.wearer.wears;
             let shaping = pipeline::shaping(&self.settings);
             let model = model.filter(|model| *model != solver.model);
             if model.is_some() || shaping != solver.shaping {

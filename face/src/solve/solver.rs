@@ -185,8 +185,12 @@ impl Solver {
         self.history.view = view;
         // Only what is in view is learned.
         let is_whole = counts.are_whole();
-        if calibrated.is_none() && is_whole {
-            self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
+        let neutral_mode = match self.neutral_mode {
+            NeutralMode::Auto if !is_whole => NeutralMode::Frozen,
+            mode => mode,
+        };
+        if calibrated.is_none() {
+            self.history.estimate.update(neutral_mode, &face, &raw, step_s);
         }
         if let Some(turns_deg) = turns_deg.filter(|_| is_whole) {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);

@@ -1,8 +1,8 @@
 //! What is shown of a face that turns away from the camera.
 //!
-//! The farther a head turns, the less the camera sees of the side that is turned away, and the landmarks there are guessed. From
-//! [`FADE_DEG`] on, the eye, brow and gaze of that side follow those of the near side more and more. Beyond [`AWAY_DEG`] the
-//! pose is wrong, too: then the face counts as turned away.
+//! The farther a head turns, the less the camera sees of the side that is turned away, and the landmarks there are guessed.
+//! From [`FADE_DEG`] on, the eye, brow and gaze of that side follow those of the near side more and more. Beyond [`AWAY_DEG`]
+//! the pose is wrong, too: then the face counts as turned away.
 
 use super::correction::smoothstep;
 use super::filter::LONGEST_STEP_S;
@@ -10,8 +10,8 @@ use super::plausible::{pick, put};
 use super::{COEFFS, plausible::index_of};
 
 /// Yaw at which the far side begins to follow the near one, and from which on it shows the same, degrees. All angles here are
-/// those of the estimated pose, which falls short: in rendered pictures, heads that are turned by 46, 56 and 64 degrees are read
-/// as turned by 45, 53 and 59.
+/// those of the estimated pose, which falls short: in rendered pictures, heads that are turned by 46, 56 and 64 degrees are
+/// read as turned by 45, 53 and 59.
 const FADE_DEG: [f32; 2] = [44.0, 55.0];
 /// Yaw up to which a face that was turned away is back, and beyond which it is turned away, degrees.
 const AWAY_DEG: [f32; 2] = [50.0, 56.0];

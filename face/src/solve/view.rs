@@ -1,10 +1,11 @@
 //! Which parts of the face count. The coefficients of what is covered lead to rest.
 //!
-//! A network tells how likely each region is in view (`track/visible.rs`). What is in view counts in full, so that a face that
-//! nothing covers is solved as if this stage did not exist. The mesh network guesses covered landmarks from those around them: for
-//! eyes behind sunglasses or brows behind hair, that guess has less error than rest (docs/figures.md). It fails in two cases.
-//! Nothing around a covered mouth tells how it moves. And where eyes and brows are covered together, as by a headset, the axes of
-//! the head are wrong, and with them all that the landmarks tell: there the mouth is read from its picture.
+//! A network tells how likely each region is in view (`track/visible.rs`). What is in view counts in full, so that a face
+//! that nothing has covered is solved as if this stage did not exist. The mesh network guesses covered landmarks from those
+//! around them: for eyes behind sunglasses or brows behind hair, that guess has less error than rest (docs/figures.md). It
+//! fails in two cases. Nothing around a covered mouth tells how it moves. And where eyes and brows are covered together, as
+//! by a headset, the axes of the head are wrong, and with them all that the landmarks tell: there the mouth is read from its
+//! picture.
 
 use facewire_packet::Visibility;
 

@@ -17,7 +17,8 @@ use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
 };
-use super::visible::Visible;
+use super::visible::{InView, Visible};
+use crate::solve::Wears;
 
 const SIDE: usize = 192;
 /// Log-odds that an eye is in view, below which the mouth is read from its picture, and for how many pictures more.
@@ -72,6 +73,8 @@ pub struct Mesh {
     pub mouth: Mouth,
     /// Number of pictures in which the network of the mouth still runs, although the eyes are in view.
     mouth_pictures: u8,
+    /// What the wearer has on the face.
+    pub(super) wears: Wears,
     visible: Visible,
     landmarks: Landmarks,
     appearance: Appearance,
@@ -101,6 +104,7 @@ impl Mesh {
             eyes: Eyes::load()?,
             mouth: Mouth::load()?,
             mouth_pictures: 0,
+            wears: Wears::default(),
             visible: Visible::load()?,
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
@@ -134,11 +138,10 @@ impl Mesh {
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 
-    /// Reads the mouth from its picture while the eyes are covered, and for some pictures more, in which the coefficients lead
+    /// Reads the mouth from its picture while an eye may be covered, and for some pictures more, in which the coefficients lead
     /// back to those of the landmarks.
     fn look_at_mouth(&mut self, picture: &Picture, region: &FaceBox) -> Result<(), InferError> {
-        let are_covered = self.appearance.looks.in_view.iter().take(2).any(|odds| *odds < MOUTH_ODDS);
-        self.mouth_pictures = if are_covered { MOUTH_PICTURES } else { self.mouth_pictures.saturating_sub(1) };
+        self.mouth_pictures = mouth_pictures(self.mouth_pictures, &self.appearance.looks.in_view, self.wears);
         if self.mouth_pictures > 0 {
             self.mouth.look(picture, region, &self.landmarks, &mut self.block);
             self.appearance.looks.mouth = self.mouth.read()?;
@@ -166,6 +169,13 @@ impl Mesh {
     pub fn face(&self) -> Face<'_> {
         Face { landmarks: &self.landmarks, appearance: Some(&self.appearance) }
     }
+}
+
+/// The number of pictures in which the network of the mouth still runs.
+fn mouth_pictures(before: u8, in_view: &InView, wears: Wears) -> u8 {
+    let may_be_covered = in_view.iter().take(2).any(|odds| *odds < MOUTH_ODDS);
+    let is_wanted = may_be_covered || wears == Wears::Headset;
+    if is_wanted { MOUTH_PICTURES } else { before.saturating_sub(1) }
 }
 
 impl Head {
@@ -233,5 +243,23 @@ fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
     for [x, y, z] in &mut landmarks.0 {
         [*x, *y] = mapping.to_picture(*x / SIDE as f32, *y / SIDE as f32);
         *z *= scale;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mouth_is_read_while_an_eye_is_covered_or_a_headset_is_on_and_for_some_pictures_more() {
+        let in_view = [8.0; 5];
+        let covered = [8.0, -8.0, 8.0, 8.0, 8.0];
+        assert_eq!(mouth_pictures(0, &in_view, Wears::Nothing), 0);
+        assert_eq!(mouth_pictures(0, &in_view, Wears::Headset), MOUTH_PICTURES);
+        let mut left = mouth_pictures(0, &covered, Wears::Nothing);
+        for wanted in (0..MOUTH_PICTURES).rev() {
+            left = mouth_pictures(left, &in_view, Wears::Nothing);
+            assert_eq!(left, wanted);
+        }
     }
 }

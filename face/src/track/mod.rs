@@ -1,5 +1,6 @@
-//! Finds a face in a picture, follows it from frame to frame and returns its landmarks. The region of interest comes
-//! from the landmarks of the previous frame. The detector runs only if there is no region.
+//! Finds a face in a picture, follows it from frame to frame and returns its landmarks. The region of interest comes from the
+//! landmarks of the previous frame. The detector runs if there is no region, and now and then while it is not sure that the
+//! face is the wearer's.
 
 mod block;
 mod crop;
@@ -18,6 +19,7 @@ use std::f32::consts::FRAC_PI_4;
 
 use crate::infer::{Engine, InferError};
 use crate::picture::Picture;
+use crate::solve::Wears;
 
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
@@ -98,8 +100,8 @@ impl Tracker {
         Ok(self.region)
     }
 
-    /// Returns the landmarks of the face in `region`, in pixels of the picture, if it is the wearer's. Forgets the region if there
-    /// is no face, or another one.
+    /// Returns the landmarks of the face in `region`, in pixels of the picture, if it is the wearer's. Forgets the region if
+    /// there is no face, or another one.
     pub fn landmarks(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         // If a network fails, the landmarks are half written: there is no face then.
         self.region = None;
@@ -137,14 +139,20 @@ impl Tracker {
         self.wearer.follow = follow;
     }
 
+    /// Sets what the wearer has on the face.
+    pub fn set_wears(&mut self, wears: Wears) {
+        self.mesh.wears = wears;
+    }
+
     /// Gives up the region, because its landmarks are of no use. The detector searches the next picture for the wearer.
     pub fn lose(&mut self) {
         self.region = None;
+        self.is_wearer = false;
     }
 
     /// Forgets whose face was followed, so that the detector searches the next picture for any.
     pub fn forget(&mut self) {
-        self.region = None;
+        self.lose();
         self.wearer.forget();
     }
 }
@@ -191,6 +199,18 @@ mod tests {
         let outcome = tracker.landmarks(&picture(), &WHOLE).map(Option::<&Landmarks>::cloned);
         assert_eq!(tracker.face().is_some(), matches!(outcome, Ok(Some(_))));
         outcome.map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn time_passes_for_a_wearer_whose_landmarks_were_of_no_use() {
+        let (mut tracker, _) = tracker(|_, _| Ok(()));
+        for frame in 0..30 {
+            tracker.detect(&picture(), 33_333 * frame).expect("a run");
+            assert!(tracker.landmarks(&picture(), &WHOLE).is_ok_and(|found| found.is_some()));
+        }
+        tracker.lose();
+        tracker.detect(&picture(), 33_333 * 29 + 500_000).expect("a run");
+        assert!((tracker.wearer.away_s - 0.5).abs() < 1e-3, "{}", tracker.wearer.away_s);
     }
 
     #[test]

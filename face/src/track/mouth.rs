@@ -24,8 +24,8 @@ const FILE: &[u8] = include_bytes!("../../models/mouth.fwnet");
 
 /// The landmarks in whose middle the mouth is: corners and middles of the lips.
 const LIPS: [usize; 4] = [61, 291, 0, 17];
-/// Lines that are level in the picture: between the corners of the lips, and between both sides of the jaw. All lie in the lower
-/// half of the face, so that the place is right if the upper one is covered.
+/// Lines that are level in the picture: between the corners of the lips, and between both sides of the jaw. All lie in the
+/// lower half of the face, so that the place is right if the upper one is covered.
 const LEVEL: [[usize; 2]; 3] = [[61, 291], [58, 288], [172, 397]];
 /// Side of the picture, and how far its middle lies below that of the lips, divided by the side of the region of the face.
 const SHARE: f32 = 0.42;

@@ -1,13 +1,14 @@
 //! Which face is followed when there are several, and whether the landmarks are still those of the wearer.
 //!
-//! While a face is followed, its place, its score, its rigid shape and its look in the mesh network's feature map are averaged.
-//! Somebody who passes in front of it leaves traces: for some frames the landmarks are a mixture of two faces, whose shape is none
-//! and whose score is low, or the face jumps. If it is elsewhere or looks different after that, it is another one. The wearer is
-//! then searched for near where they were; a face that is found there has to stay and to look alike for some frames. The longer
-//! the wearer is away, the farther away they may come back, until another face is taken in their place.
+//! While a face is followed, its place, its score, its rigid shape and its look in the mesh network's feature map are
+//! averaged. Somebody who passes in front of it leaves traces: for some frames the landmarks are a mixture of two faces,
+//! whose shape is none and whose score is low, or the face jumps. If it is elsewhere or looks different after that, it is
+//! another one. The wearer is then searched for near where they were; a face that is found there has to stay and to look
+//! alike for some frames. The longer the wearer is away, the farther away they may come back, until another face is taken in
+//! their place.
 //!
-//! In rendered videos of ten people, a shape that is averaged over a second differs by at most 5 from that of a single frame, and
-//! by 10 to 90 while two faces mix. Limits: someone with a similar face who stops for half a second right in front of the
+//! In rendered videos of ten people, a shape that is averaged over a second differs by at most 5 from that of a single frame,
+//! and by 10 to 90 while two faces mix. Limits: someone with a similar face who stops for half a second right in front of the
 //! wearer, at the same distance from the camera, counts as the wearer.
 
 use super::landmarks::{Face, FaceBox};
@@ -44,7 +45,8 @@ const KNOWN_S: f32 = 0.5;
 /// Longest time that counts from one frame to the next, and the shortest, seconds.
 const STEPS_S: [f32; 2] = [1.0 / 30.0, 0.1];
 
-/// A shape that differs by more is a mixture of two faces, or the face is covered. So is one with a lower share of the usual score.
+/// A shape that differs by more is a mixture of two faces, or the face is covered. So is one with a lower share of the usual
+/// score.
 const MIXED: f32 = 10.0;
 const COVERED: f32 = 0.65;
 /// Fastest movement of heads, sizes of the face a second, and their fastest change of size.
@@ -52,9 +54,12 @@ const MOST_SPEED: f32 = 4.0;
 const MOST_ZOOM: f32 = 4.0;
 /// Time for which a face is in doubt after the last trace of another one, seconds.
 const DOUBT_S: f32 = 0.3;
+/// Time after which a face that stays in doubt is learned anew, seconds: the wearer has put on a headset or a mask.
+const SETTLES_S: f32 = 3.0;
 /// Distance from where the face was, in its sizes, and relative change of size from which on a face in doubt is another one.
 const ELSEWHERE: f32 = 0.2;
-/// Time over which the place of a face in doubt is averaged, seconds. A wearer who drinks moves more slowly than one who passes.
+/// Time over which the place of a face in doubt is averaged, seconds. A wearer who drinks moves more slowly than one who
+/// passes.
 const DOUBT_PLACE_S: f32 = 0.4;
 
 /// What a face that may be the wearer's may differ by: the look, the place in sizes of the face, and the size. The last two
@@ -94,6 +99,8 @@ pub(super) struct Wearer {
     seat: Place,
     last: Option<Place>,
     doubt_s: f32,
+    /// For how long the face has been in doubt without a break.
+    doubted_s: f32,
     /// For how long the wearer has not been seen.
     pub(super) away_s: f32,
     /// Frames of the trial that are left, and for how long it has lasted.
@@ -191,6 +198,12 @@ impl Seen {
         skin.iter_mut().zip(SKIN_DEVIATION).for_each(|(value, deviation)| *value /= deviation);
         let shape = normalise(face.landmarks).ok().and_then(|face| shape_of_frontal(&face));
         Self { skin, shape: shape.map(|shape| shape.map(|value| value / SHAPE_DEVIATION)) }
+    }
+}
+
+impl Seen {
+    fn is_finite(&self) -> bool {
+        self.skin.iter().chain(self.shape.iter().flatten()).all(|value| value.is_finite())
     }
 }
 
@@ -296,25 +309,36 @@ impl Wearer {
     pub(super) fn judge(&mut self, face: &Face, region: &FaceBox, step_s: f32) -> Verdict {
         let place = Place::from(region);
         let seen = Seen::new(face);
+        let score = face.appearance.map_or(0.0, |appearance| appearance.score);
+        if !seen.is_finite() || !score.is_finite() {
+            return Verdict::Other;
+        }
         let difference = self.look.difference(&seen);
         let last = self.last.replace(place).unwrap_or(place);
         let speed = last.distance(&place) / step_s.max(STEPS_S[0]);
         let zoom = last.zoom(&place) / step_s.max(STEPS_S[0]);
-        let score = face.appearance.map_or(0.0, |appearance| appearance.score);
         self.watch_s -= step_s;
         if self.trial > 0 {
             return self.try_face(&place, difference, speed, step_s);
         }
         self.away_s = 0.0;
-        let is_other = self.watch == Watch::Other && self.watch_s > 0.0;
-        if is_other {
-            return Verdict::Wearer;
+        if self.watch == Watch::Other {
+            if self.watch_s > 0.0 {
+                return Verdict::Wearer;
+            }
+            // The wearer has not come back: this face is now the one that is known.
+            self.forget_look();
+            self.watch = Watch::Doubt;
         }
         if self.is_known() {
             let is_covered = score < COVERED * self.score;
             let is_traced = is_covered || difference.is_mixed() || speed > MOST_SPEED || zoom > MOST_ZOOM;
             self.doubt_s = if is_traced { DOUBT_S } else { self.doubt_s - step_s };
-            if self.doubt_s > 0.0 {
+            self.doubted_s = if self.doubt_s > 0.0 { self.doubted_s + step_s } else { 0.0 };
+            if self.doubted_s > SETTLES_S {
+                // Who stays there and looks different has something on.
+                self.forget_look();
+            } else if self.doubt_s > 0.0 {
                 return self.doubt(&place, step_s);
             }
         }
@@ -360,6 +384,7 @@ impl Wearer {
             (self.watch, self.watch_s) = (Watch::Other, AFTER_OTHER_S);
         } else {
             self.place = *place;
+            (self.watch, self.watch_s) = (Watch::Doubt, AFTER_DOUBT_S);
         }
         self.is_wary = false;
         self.away_s = 0.0;
@@ -376,7 +401,7 @@ impl Wearer {
 
     fn forget_look(&mut self) {
         (self.known_s, self.look, self.last, self.is_wary) = (0.0, Look::default(), None, false);
-        (self.doubt_s, self.away_s) = (0.0, 0.0);
+        (self.doubt_s, self.doubted_s, self.away_s) = (0.0, 0.0, 0.0);
     }
 
     /// How little a place suits the wearer: up to 1 it may be theirs.
@@ -551,6 +576,45 @@ mod tests {
         assert_eq!(wearer.better(&first, &[first, second], SIZE_PX), None);
         let larger = Person { size_px: 260.0, ..WEARER.at(440.0) }.region();
         assert_eq!(wearer.better(&first, &[first, larger], SIZE_PX), Some(larger), "in the first seconds");
+    }
+
+    #[test]
+    fn another_face_is_the_one_that_is_known_once_the_wearer_has_not_come_back_for_half_a_minute() {
+        let mut wearer = known();
+        let other = Person { skin: 5.0, score: 12.0, ..WEARER.at(560.0) };
+        assert!(frames_until_followed(&mut wearer, &other).is_some());
+        let sways = |frame: usize| other.at(480.0 + 80.0 * (0.1 * frame as f32).cos());
+        assert!((0..1800).all(|frame| sways(frame).judged(&mut wearer) == Verdict::Wearer));
+        assert!(!wearer.is_watched() && (wearer.score - other.score).abs() < 1.0);
+    }
+
+    #[test]
+    fn a_wearer_who_comes_back_is_known_at_once_and_guarded_against_a_jump() {
+        let mut wearer = known();
+        let other = Person { skin: 5.0, ..WEARER.at(560.0) };
+        assert!(frames_until_followed(&mut wearer, &other).is_some());
+        assert!(wearer.better(&other.region(), &[other.region(), WEARER.region()], SIZE_PX).is_some());
+        assert!((0..10).any(|_| WEARER.judged(&mut wearer) == Verdict::Wearer));
+        assert_eq!(WEARER.judged(&mut wearer), Verdict::Wearer);
+        assert_eq!(WEARER.at(400.0).judged(&mut wearer), Verdict::Other);
+    }
+
+    #[test]
+    fn a_wearer_who_has_put_on_a_headset_may_move_again_after_three_seconds() {
+        let mut wearer = known();
+        let covered = Person { score: 10.0, skin: 5.0, ..WEARER };
+        assert!((0..100).all(|_| covered.judged(&mut wearer) == Verdict::Wearer));
+        let sways = |frame: usize| covered.at(320.0 + 100.0 * (0.15 * frame as f32).sin());
+        assert!((0..90).all(|frame| sways(frame).judged(&mut wearer) == Verdict::Wearer));
+    }
+
+    #[test]
+    fn look_or_score_that_is_not_finite_is_not_learned() {
+        for wrong in [Person { skin: f32::NAN, ..WEARER }, Person { score: f32::INFINITY, ..WEARER }] {
+            let mut wearer = known();
+            assert_eq!(wrong.judged(&mut wearer), Verdict::Other);
+            assert_eq!(frames_until_followed(&mut wearer, &WEARER), Some(0));
+        }
     }
 
     #[test]

@@ -140,9 +140,10 @@ impl Seen {
             let [x, y, _] = landmarks.0[index];
             (Vec2::new(x, y) - corner).length() < most_off
         };
-        let are_near = |indices: [usize; 2], corners: [Vec2; 2]| indices.into_iter().zip(corners).all(is_near);
-        let eyes = left.min(right) < IN_VIEW || are_near(EYE_CORNERS, self.eyes);
-        eyes && (mouth < IN_VIEW || are_near(MOUTH_CORNERS, self.mouth))
+        let corners = EYE_CORNERS.into_iter().zip(self.eyes).chain(MOUTH_CORNERS.into_iter().zip(self.mouth));
+        let in_view = corners.zip([right, left, mouth, mouth]).filter(|(_, visible)| *visible >= IN_VIEW);
+        let mut in_view = in_view.map(|(corner, _)| corner).peekable();
+        in_view.peek().is_some() && in_view.all(is_near)
     }
 }
 

@@ -78,6 +78,12 @@ impl Call<'_> {
         self.0.split('"').nth(1).map(Path::new) == Some(path)
     }
 
+    /// The port of its address.
+    fn port(&self) -> Option<String> {
+        let (_, rest) = self.0.split_once("sin_port=htons(")?;
+        Some(rest.split(')').next()?.to_owned())
+    }
+
     fn says(&self, part: &str) -> bool {
         self.0.contains(part)
     }
@@ -116,15 +122,23 @@ fn run_speaks_to_its_receiver_only_and_writes_no_file() {
     (0..PACKETS).for_each(|_| _ = receiver.packet());
     let to_receiver = format!("sin_port=htons({}), sin_addr=inet_addr(\"127.0.0.1\")", receiver.port());
     let mut sent = 0;
+    let mut own_port = None;
     service.assert_calls(|call| match call.name() {
         "open" | "openat" => call.reads_what_is_known(&settings),
         "socket" => call.says("AF_INET, SOCK_DGRAM"),
-        "bind" => call.says("sin_port=htons(0)"),
+        "getsockname" => {
+            own_port = call.port();
+            true
+        }
+        // What comes back from the receiver arrives at a second socket with the port of the first.
+        "bind" => call.says("sin_port=htons(0)") || (own_port.is_some() && call.port() == own_port),
+        "connect" => call.says(&to_receiver),
+        "recvfrom" | "recv" | "getsockopt" => true,
         "sendto" => {
             sent += 1;
             call.says(&to_receiver)
         }
-        "setsockopt" => call.says("SO_BROADCAST"),
+        "setsockopt" => call.says("SO_BROADCAST") || call.says("SO_REUSEADDR"),
         "execve" => call.says(env!("CARGO_BIN_EXE_facewire")),
         _ => false,
     });

@@ -36,6 +36,7 @@ const LAST_OF_MOUTH: usize = index_of("mouthUpperUpRight");
 /// Puffed cheeks, which the network of the mouth sees.
 const CHEEK_PUFF: usize = index_of("cheekPuff");
 /// The coefficients that the network of the mouth gives: from `jawForward` to `mouthUpperUpRight`, and `cheekPuff`.
+#[expect(clippy::indexing_slicing, reason = "the compiler computes it")]
 const MOUTH_COEFFICIENTS: [usize; MOUTH_VALUES] = {
     let mut places = [CHEEK_PUFF; MOUTH_VALUES];
     let mut index = 0;
@@ -158,7 +159,6 @@ impl Counts {
 }
 
 /// Bounds what a network gives for an absurd picture. What is not a number becomes the lower bound.
-#[expect(clippy::manual_clamp, reason = "unlike `clamp`, it turns what is not a number into one")]
 fn bounded(value: f32, [least, most]: [f32; 2]) -> f32 {
     value.max(least).min(most)
 }

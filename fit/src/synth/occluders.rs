@@ -391,7 +391,7 @@ fn paper(rng: &mut ChaCha8Rng, prop: &mut Prop, face: &Behind) {
     let ink = rng.random_range(0.1..1.0);
     let row = |prop: &mut Prop, line: u16| {
         let share = 2.0 * f32::from(line) / f32::from(LINES) - 1.0;
-        let colour = if line % 2 == 0 { ground } else { ground * ink };
+        let colour = if line.is_multiple_of(2) { ground } else { ground * ink };
         [-1.0, 1.0].map(|side| prop.vertex(centre + side * across + share * up, colour))
     };
     let mut last = row(prop, 0);

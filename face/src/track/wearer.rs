@@ -150,7 +150,7 @@ impl Place {
     fn distance(&self, other: &Self) -> f32 {
         let [x, y] = self.centre;
         let [other_x, other_y] = other.centre;
-        (other_x - x).hypot(other_y - y) / self.size.max(1.0)
+        length([other_x - x, other_y - y]) / self.size.max(1.0)
     }
 
     /// The natural logarithm of the ratio of the sizes, without its sign.
@@ -415,13 +415,18 @@ impl Wearer {
         let Place { centre: [x, y], size } = face.into();
         let longer = width.max(height);
         let near = (size / longer).max(f32::EPSILON).ln();
-        let middle = -(x - 0.5 * width).hypot(y - 0.5 * height) / longer;
+        let middle = -length([x - 0.5 * width, y - 0.5 * height]) / longer;
         match self.follow {
             Follow::Nearest => near,
             Follow::Centre => MIDDLE * middle,
             Follow::Wearer => near + MIDDLE * middle,
         }
     }
+}
+
+/// Not by `hypot`, which needs a C library that is newer than those of the systems that packages are for.
+fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 /// Share of a new value in an average over `average_s`.

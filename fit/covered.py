@@ -10,8 +10,8 @@
 
 All conditions show the same people with the same expressions. The neutral face is taken from the first ten frames, in which the
 face is covered, too. Columns: r and mean squared error of brows and eyes (upper) and of mouth and jaw (lower); the mean of the
-covered coefficients and their mean change from frame to frame; the mean visibility of left eye, right eye, brows, mouth, cheeks.
-r is the mean over coefficients that move. Set FACEWIRE to the program if it is not in the path.
+covered coefficients and their mean change from frame to frame; the mean visibility of left eye, right eye, brows, mouth and
+cheeks. r is the mean over coefficients that move. Set FACEWIRE to the program if it is not in the path.
 """
 
 import csv

@@ -40,8 +40,13 @@ struct Way {
 
 impl Way {
     fn new() -> Self {
+        Self::with("")
+    }
+
+    /// The way of frames in a service with these settings beside its link.
+    fn with(settings: &str) -> Self {
         let receiver = Receiver::new();
-        let link = format!("[[link]]\naddress = \"{}\"\n", receiver.address());
+        let link = format!("{settings}[[link]]\naddress = \"{}\"\n", receiver.address());
         let settings = config::parse("test", &link).unwrap();
         let traffic = Arc::<Traffic>::default();
         Self {
@@ -96,6 +101,17 @@ fn frames_allocate_nothing_whether_the_face_is_followed_found_again_or_away() {
     assert_eq!(way.allocated(&mut empty, 40), AllocationInfo::default());
     let sent = way.traffic.sent.load(Relaxed);
     assert!(way.live == 0 && (15..=20).contains(&sent), "10 packets per second in 2 s: {sent}");
+}
+
+#[test]
+fn frames_of_a_covered_face_allocate_nothing() {
+    for wears in ["headset", "mask"] {
+        let mut way = Way::with(&format!("[wearer]\nwears = \"{wears}\"\n"));
+        let mut clip = Clip::looped().unwrap();
+        way.allocated(&mut clip, WARM_UP);
+        assert_eq!(way.allocated(&mut clip, 60), AllocationInfo::default(), "{wears}");
+        assert_eq!(way.live, 60, "{wears}");
+    }
 }
 
 /// The settings of a link of this kind that sends all that it can, and whose receiver is away. What is sent to it is

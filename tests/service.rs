@@ -116,6 +116,16 @@ fn a_model_file_that_is_not_mounted_yet_is_waited_for_with_a_neutral_face() {
 
 /// The service runs in a network namespace whose only interface is down.
 #[test]
+fn a_headset_that_a_reload_names_covers_the_eyes_at_once_and_no_longer_after_the_next_one() {
+    let (service, receiver) = Service::live(DEMO);
+    service.reload(&format!("{DEMO}[wearer]\nwears = \"headset\"\n"));
+    receiver.until(|packet| packet.state == State::Live && packet.visibility.left_eye < 0.1);
+    service.reload(DEMO);
+    receiver.until(|packet| packet.state == State::Live && packet.visibility.left_eye > 0.5);
+    service.stopped();
+}
+
+#[test]
 fn a_network_that_takes_no_packets_is_told_once() {
     let unshare = ["--user", "--map-root-user", "--net"];
     if !Command::new("unshare").args(unshare).arg("true").output().is_ok_and(|run| run.status.success()) {

@@ -1,6 +1,6 @@
 //! Compares the packet decoder with a second implementation of the wire format.
 
-use facewire_packet::{DecodeError, PACKET_BYTES, Packet, State};
+use facewire_packet::{DecodeError, PACKET_BYTES, Packet, State, Visibility};
 
 use super::wire::{Wire, checksum, seal, sealed, stated_checksum};
 
@@ -73,6 +73,8 @@ fn refuses_a_wrong_bit(wire: &Wire, data: &[u8]) {
 fn any_values_decode(data: &[u8]) {
     let mut packet = Packet { state: State::Decay, ..Packet::NEUTRAL };
     let mut words = data.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word));
+    let seen = Visibility::NAMES.map(|_| words.next_back().map_or(1.0, f32::from_bits));
+    packet.visibility = Visibility::from_values(seen);
     let Packet { rotation, position_mm, coefficients, age_us, .. } = &mut packet;
     let values = rotation.iter_mut().chain(position_mm).chain(coefficients);
     for (value, word) in values.zip(words.clone()) {

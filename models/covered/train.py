@@ -4,9 +4,9 @@
     pip install numpy torch
     models/covered/train.py faces/covered/faces.npz
 
-The archives are those of `facewire-fit synth`. `models/visible.fwnet` reads the feature map of the mesh network at its landmarks
-and gives, for each region, the log-odds that it is in view. `models/mouth.fwnet` reads a grey picture of the mouth and gives its
-coefficients. It does not know the wearer, but neither does it need the eyes, which a headset covers.
+The archives are those of `facewire-fit synth`. `models/visible.fwnet` reads the feature map of the mesh network at its
+landmarks and gives, for each region, the log-odds that it is in view. `models/mouth.fwnet` reads a grey picture of the mouth
+and gives its coefficients. It does not know the wearer, but neither does it need the eyes, which a headset covers.
 
 Training changes place, size, turn, sharpness, light and noise of each picture, which is then made even in brightness and
 contrast. The mirror image of a face counts as another face. A covered mouth does not count. All subjects but one in eight are
@@ -17,7 +17,6 @@ import argparse
 import importlib.util
 import json
 import pathlib
-import time
 
 import numpy as np
 import torch
@@ -39,9 +38,9 @@ FEWER = 32
 BATCH, RATE, DECAY = 256, 4e-3, 2e-3
 # Errors at amplitudes that are rare weigh more: the share of the pictures in a band of amplitude, to this power.
 BANDS, RARITY = np.array([0.02, 0.15, 0.3, 0.5, 0.7]), -0.4
-
-
 PREFIXES = ("jaw", "mouth", "cheekPuff")
+# The network of the regions, and how it is trained.
+UNITS, EPOCHS_VISIBLE, RATE_VISIBLE, DECAY_VISIBLE = 8, 8, 1e-3, 2e-2
 
 
 class Mouths:
@@ -51,13 +50,12 @@ class Mouths:
         pictures, truth, held_out = [], [], []
         for path in paths:
             archive = np.load(path)
-            self.names = json.loads(path.with_name("names.json").read_text())
-            read = [index for index, name in enumerate(self.names) if name.startswith(PREFIXES)]
+            names = json.loads(path.with_name("names.json").read_text())
+            self.names = [name for name in names if name.startswith(PREFIXES)]
             shown = archive["visible"][:, REGIONS.index("mouth")] > IN_VIEW
             pictures.append(archive["features"][shown, FIRST:].astype(np.uint8))
-            truth.append(archive["weights"][shown][:, read])
+            truth.append(archive["weights"][shown][:, [names.index(name) for name in self.names]])
             held_out.append(archive["subject"][shown] % HELD_OUT == HELD_OUT - 1)
-        self.names = [self.names[index] for index in read]
         self.pictures = torch.from_numpy(np.concatenate(pictures).reshape(-1, 1, SIDE, SIDE))
         self.truth = torch.from_numpy(np.concatenate(truth))
         held_out = np.concatenate(held_out)
@@ -114,26 +112,16 @@ def train(faces, epochs):
     random = np.random.default_rng(1)
     torch.manual_seed(1)
     mouth = Mouth(len(faces.names)).to(memory_format=torch.channels_last)
-    steps, started = len(faces.seen) // BATCH, time.time()
     print(f"{len(faces.seen)} pictures")
-    optimiser = torch.optim.AdamW(mouth.parameters(), RATE, weight_decay=DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * steps, pct_start=0.1)
-    for epoch in range(epochs):
-        order, total = random.permutation(faces.seen), 0.0
-        for step in range(steps):
-            rows = np.sort(order[step * BATCH:][:BATCH])
-            pictures, truth, weights = faces.pictures[rows], faces.truth[rows], faces.weights[rows]
-            if random.random() < 0.5:
-                pictures, truth, weights = pictures.flip(3), truth[:, faces.mirrored], weights[:, faces.mirrored]
-            pictures = varied(pictures, random).contiguous(memory_format=torch.channels_last)
-            loss = (weights * (mouth(pictures) - truth) ** 2).mean()
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += loss.item()
-        print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.5f}, {time.time() - started:.0f} s", flush=True)
-    return mouth.eval()
+
+    def loss_of(rows):
+        pictures, truth, weights = faces.pictures[rows], faces.truth[rows], faces.weights[rows]
+        if random.random() < 0.5:
+            pictures, truth, weights = pictures.flip(3), truth[:, faces.mirrored], weights[:, faces.mirrored]
+        pictures = varied(pictures, random).contiguous(memory_format=torch.channels_last)
+        return (weights * (mouth(pictures) - truth) ** 2).mean()
+
+    return eyes.optimised(mouth, faces.seen, epochs, BATCH, RATE, DECAY, loss_of)
 
 
 def judge(mouth, faces):
@@ -161,9 +149,6 @@ def network(mouth):
     return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, mouth.outputs.out_channels), side, arrays=last))
 
 
-UNITS, EPOCHS_VISIBLE = 8, 8
-
-
 def train_visible(paths, epochs):
     """Returns a network from the feature map to the log-odds that each region is in view, and prints how good it is."""
     torch.manual_seed(1)
@@ -179,26 +164,17 @@ def train_visible(paths, epochs):
     values, shown = map(torch.from_numpy, (values, shown))
     seen, judged = np.flatnonzero(~held_out), np.flatnonzero(held_out)
     net = nn.Sequential(nn.Linear(MAP, UNITS), nn.PReLU(UNITS), nn.Linear(UNITS, len(REGIONS)))
-    optimiser = torch.optim.AdamW(net.parameters(), 1e-3, weight_decay=2e-2)
-    steps, started = len(seen) // BATCH, time.time()
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 1e-3, total_steps=epochs * steps, pct_start=0.1)
-    even = lambda rows: (values[rows].float() - mean) / deviation
-    for epoch in range(epochs):
-        order, total = np.random.default_rng(epoch).permutation(seen), 0.0
-        for step in range(steps):
-            rows = np.sort(order[step * BATCH:][:BATCH])
-            x = F.dropout(even(rows) + 0.4 * torch.randn(len(rows), MAP), 0.3)
-            loss = F.binary_cross_entropy_with_logits(net(x), shown[rows])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += loss.item()
-        print(f"epoch {epoch + 1} of {epochs}: loss {total / steps:.4f}, {time.time() - started:.0f} s", flush=True)
+    even = lambda values: (values.float() - mean) / deviation
+
+    def loss_of(rows):
+        varied_values = even(values[rows]) + 0.4 * torch.randn(len(rows), MAP)
+        return F.binary_cross_entropy_with_logits(net(F.dropout(varied_values, 0.3)), shown[rows])
+
+    eyes.optimised(net, seen, epochs, BATCH, RATE_VISIBLE, DECAY_VISIBLE, loss_of)
 
     def odds_of(values):
         with torch.no_grad():
-            return torch.cat([net((part.float() - mean) / deviation) for part in values.split(BATCH)]).numpy()
+            return torch.cat([net(even(part)) for part in values.split(BATCH)]).numpy()
 
     report_visible(odds_of(values[judged]), shown[judged].numpy())
     first, activation, last = net
@@ -208,7 +184,8 @@ def train_visible(paths, epochs):
     source = writer.tensor(1, MAP)
     x = writer.add(eyes.CONVOLUTION, [source], (1, UNITS), arrays=[weights, first_bias])
     x = writer.add(eyes.PRELU, [x], (1, UNITS), arrays=[activation.weight])
-    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, len(REGIONS)), arrays=[last.weight, last.bias])), odds_of
+    x = writer.add(eyes.CONVOLUTION, [x], (1, len(REGIONS)), arrays=[last.weight, last.bias])
+    return writer.content(source, x), odds_of
 
 
 def report_visible(odds, shown):

@@ -156,6 +156,12 @@ pub(super) const fn index_of(name: &str) -> usize {
 }
 
 pub(super) const BLINKS: [usize; 2] = [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")];
+/// The coefficients of the lids of the left eye and of the right.
+pub(super) const LIDS: [[usize; 2]; 3] = [
+    BLINKS,
+    [index_of("eyeSquintLeft"), index_of("eyeSquintRight")],
+    [index_of("eyeWideLeft"), index_of("eyeWideRight")],
+];
 pub(super) const GAZE: [[usize; 4]; 2] = [
     [index_of("eyeLookDownLeft"), index_of("eyeLookInLeft"), index_of("eyeLookOutLeft"), index_of("eyeLookUpLeft")],
     [index_of("eyeLookDownRight"), index_of("eyeLookInRight"), index_of("eyeLookOutRight"), index_of("eyeLookUpRight")],

@@ -159,7 +159,7 @@ impl Solver {
         let view = self.history.view.next(
             appearance.map(|appearance| &appearance.looks.in_view),
             self.wears,
-            self.history.since_s(time_us),
+            self.history.since_s(time_us).unwrap_or(0.0),
         );
         let counts = view.counts();
         let face = normalise(landmarks)?;
@@ -240,21 +240,22 @@ impl Solver {
 }
 
 impl History {
-    /// Returns the seconds since the last frame that was filtered, or 0 if there was none.
-    fn since_s(&self, time_us: u64) -> f32 {
-        self.last_us.and_then(|last_us| time_us.checked_sub(last_us)).map_or(0.0, |step_us| step_us as f32 / 1e6)
+    /// Returns the seconds since the last frame that was filtered. `None` if there was none, or if the clock ran backwards.
+    fn since_s(&self, time_us: u64) -> Option<f32> {
+        let step_us = time_us.checked_sub(self.last_us?)?;
+        Some(step_us as f32 / 1e6)
     }
 
-    /// Returns the seconds since the last frame that was filtered. A clock that ran backwards clears the history.
+    /// Returns the seconds since the last frame that was filtered, or 0 if they are not known, and then clears the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
-        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
-        if step_us.is_none() {
+        let since_s = self.since_s(time_us);
+        if since_s.is_none() {
             self.gaze = GazeState::default();
             self.filters = FiltersState::default();
             self.crossfade = Crossfade::default();
         }
         self.last_us = Some(time_us);
-        step_us.map_or(0.0, |step_us| step_us as f32 / 1e6)
+        since_s.unwrap_or(0.0)
     }
 }
 

@@ -4,10 +4,10 @@
 //! From [`FADE_DEG`] on, the eye, brow and gaze of that side follow those of the near side more and more. Beyond [`AWAY_DEG`]
 //! the pose is wrong, too: then the face counts as turned away.
 
+use super::COEFFS;
 use super::correction::smoothstep;
 use super::filter::LONGEST_STEP_S;
-use super::plausible::{pick, put};
-use super::{COEFFS, plausible::index_of};
+use super::plausible::{LIDS, index_of, pick, put};
 
 /// Yaw at which the far side begins to follow the near one, and from which on it shows the same, degrees. All angles here are
 /// those of the estimated pose, which falls short: in rendered pictures, heads that are turned by 46, 56 and 64 degrees are
@@ -16,19 +16,20 @@ const FADE_DEG: [f32; 2] = [44.0, 55.0];
 /// Yaw up to which a face that was turned away is back, and beyond which it is turned away, degrees.
 const AWAY_DEG: [f32; 2] = [50.0, 56.0];
 
-/// What a near eye or brow shows and a far one may show in its place, the person's left first. Both eyes look the same way, so
-/// that one looks in while the other looks out.
-const SIDES: [[usize; 2]; 9] = [
+/// What a near brow or eye shows beside its lids and a far one may show in its place, the person's left first. Both eyes look
+/// the same way, so that one looks in while the other looks out.
+const BROWS_AND_GAZE: [[usize; 2]; 6] = [
     [index_of("browDownLeft"), index_of("browDownRight")],
     [index_of("browOuterUpLeft"), index_of("browOuterUpRight")],
-    [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")],
-    [index_of("eyeSquintLeft"), index_of("eyeSquintRight")],
-    [index_of("eyeWideLeft"), index_of("eyeWideRight")],
     [index_of("eyeLookDownLeft"), index_of("eyeLookDownRight")],
     [index_of("eyeLookUpLeft"), index_of("eyeLookUpRight")],
     [index_of("eyeLookInLeft"), index_of("eyeLookOutRight")],
     [index_of("eyeLookOutLeft"), index_of("eyeLookInRight")],
 ];
+
+fn sides() -> impl Iterator<Item = [usize; 2]> {
+    LIDS.into_iter().chain(BROWS_AND_GAZE)
+}
 
 /// Lets the far side of a face that is turned by `yaw_deg`, positive to the person's left, follow the near side.
 pub(super) fn fade(values: &mut [f32; COEFFS], yaw_deg: f32) {
@@ -36,7 +37,7 @@ pub(super) fn fade(values: &mut [f32; COEFFS], yaw_deg: f32) {
     if !(share > 0.0) {
         return;
     }
-    for side in SIDES {
+    for side in sides() {
         let [left, right] = pick(values, side);
         let shown =
             if yaw_deg > 0.0 { [left + share * (right - left), right] } else { [left, right + share * (left - right)] };
@@ -81,12 +82,12 @@ mod tests {
         let before = values();
         for (yaw_deg, far) in [(58.0, 0), (-58.0, 1)] {
             let shown = faded(yaw_deg);
-            for side in SIDES {
+            for side in sides() {
                 let near = before[side[1 - far]];
                 assert!((shown[side[far]] - near).abs() < 1e-6, "{yaw_deg}: {side:?}");
                 assert_eq!(shown[side[1 - far]], near, "{yaw_deg}: {side:?}");
             }
-            let others = (0..COEFFS).filter(|index| !SIDES.as_flattened().contains(index));
+            let others = (0..COEFFS).filter(|index| sides().flatten().all(|side| side != *index));
             assert!(others.into_iter().all(|index| shown[index] == before[index]));
         }
         assert_eq!(faded(f32::NAN), values());

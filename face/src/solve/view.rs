@@ -11,11 +11,11 @@ use facewire_packet::Visibility;
 
 use super::correction::smoothstep;
 use super::filter::{approach, passed};
-use super::plausible::{GAZE, index_of, pick, put};
+use super::plausible::{GAZE, LIDS, index_of, pick, put};
 use super::{Coefficients, Wears};
 use crate::track::{
     InView, MOUTH_VALUES, MouthValues,
-    visible::{BROWS, LEFT_EYE, MOUTH, REGIONS, RIGHT_EYE},
+    visible::{BROWS, LEFT_EYE, MOUTH, REGIONS, RIGHT_EYE, likely_in_view, upper_half},
 };
 
 /// The probabilities of being in view between which a part begins to count and counts in full: for the upper half of the face,
@@ -25,12 +25,6 @@ const MOUTH_COUNTS: [f32; 2] = [0.05, 0.25];
 const EYE_COUNTS: [f32; 2] = [0.2, 0.5];
 /// Time over which 63 % of a change is followed, seconds.
 const FOLLOW_S: f32 = 0.06;
-/// The coefficients of the lids of the left eye and of the right.
-const LIDS: [[usize; 2]; 3] = [
-    [index_of("eyeBlinkLeft"), index_of("eyeBlinkRight")],
-    [index_of("eyeSquintLeft"), index_of("eyeSquintRight")],
-    [index_of("eyeWideLeft"), index_of("eyeWideRight")],
-];
 const FIRST_OF_MOUTH: usize = index_of("jawForward");
 const LAST_OF_MOUTH: usize = index_of("mouthUpperUpRight");
 /// Puffed cheeks, which the network of the mouth sees.
@@ -60,7 +54,7 @@ impl View {
     /// Follows what was seen in the next frame, `dt_s` seconds later. Without it, the whole face counts.
     pub(super) fn next(self, odds: Option<&InView>, wears: Wears, dt_s: f32) -> Self {
         let Some(odds) = odds else { return Self::default() };
-        let mut likely_now = odds.map(|odds| bounded(1.0 / (1.0 + (-odds).exp()), [0.0, 1.0]));
+        let mut likely_now = likely_in_view(odds);
         for region in wears.covers() {
             if let Some(likely) = likely_now.get_mut(*region) {
                 *likely = 0.0;
@@ -105,9 +99,10 @@ impl Counts {
     /// The whole face counts.
     pub(super) const WHOLE: Self = Self([1.0; 4]);
 
-    fn new([left_eye, right_eye, brows, mouth, _]: &[f32; REGIONS]) -> Self {
+    fn new(likely: &[f32; REGIONS]) -> Self {
+        let [left_eye, right_eye, _, mouth, _] = likely;
         Self([
-            smoothstep((left_eye + right_eye + brows) / 3.0, UPPER_HALF_COUNTS),
+            smoothstep(upper_half(likely), UPPER_HALF_COUNTS),
             smoothstep(*mouth, MOUTH_COUNTS),
             smoothstep(*left_eye, EYE_COUNTS),
             smoothstep(*right_eye, EYE_COUNTS),

@@ -17,12 +17,13 @@ use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
 };
-use super::visible::{InView, Visible};
+use super::visible::{InView, Visible, likely_in_view, upper_half};
 use crate::solve::Wears;
 
 const SIDE: usize = 192;
-/// Log-odds that an eye is in view, below which the mouth is read from its picture, and for how many pictures more.
-const MOUTH_ODDS: f32 = 1.0;
+/// Probability that the upper half of the face is in view, below which the mouth is read from its picture, and for how many
+/// pictures more. It is larger than that below which the reading counts (`solve/view.rs`).
+const MOUTH_LIKELY: f32 = 0.3;
 const MOUTH_PICTURES: u8 = 30;
 /// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
 const MIN_FLAG: f32 = 0.0;
@@ -69,9 +70,9 @@ pub struct Mesh {
     block: Block,
     /// What the eyes of the last face look like.
     pub eyes: Eyes,
-    /// What the mouth of the last face looked like while the eyes were covered.
+    /// What the mouth of the last face looked like while the upper half of the face was covered.
     pub mouth: Mouth,
-    /// Number of pictures in which the network of the mouth still runs, although the eyes are in view.
+    /// Number of pictures in which the network of the mouth still runs, although the upper half is in view.
     mouth_pictures: u8,
     /// What the wearer has on the face.
     pub(super) wears: Wears,
@@ -138,8 +139,8 @@ impl Mesh {
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 
-    /// Reads the mouth from its picture while an eye may be covered, and for some pictures more, in which the coefficients lead
-    /// back to those of the landmarks.
+    /// Reads the mouth from its picture while the upper half of the face may be covered, and for some pictures more, in which
+    /// the coefficients lead back to those of the landmarks.
     fn look_at_mouth(&mut self, picture: &Picture, region: &FaceBox) -> Result<(), InferError> {
         self.mouth_pictures = mouth_pictures(self.mouth_pictures, &self.appearance.looks.in_view, self.wears);
         if self.mouth_pictures > 0 {
@@ -173,7 +174,7 @@ impl Mesh {
 
 /// The number of pictures in which the network of the mouth still runs.
 fn mouth_pictures(before: u8, in_view: &InView, wears: Wears) -> u8 {
-    let may_be_covered = in_view.iter().take(2).any(|odds| *odds < MOUTH_ODDS);
+    let may_be_covered = upper_half(&likely_in_view(in_view)) < MOUTH_LIKELY;
     let is_wanted = may_be_covered || wears == Wears::Headset;
     if is_wanted { MOUTH_PICTURES } else { before.saturating_sub(1) }
 }
@@ -251,10 +252,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mouth_is_read_while_an_eye_is_covered_or_a_headset_is_on_and_for_some_pictures_more() {
+    fn mouth_is_read_while_eyes_and_brows_are_covered_or_a_headset_is_on_and_for_some_pictures_more() {
         let in_view = [8.0; 5];
-        let covered = [8.0, -8.0, 8.0, 8.0, 8.0];
+        let covered = [-8.0, -8.0, -8.0, 8.0, 8.0];
+        let sunglasses = [-8.0, -8.0, 8.0, 8.0, 8.0];
         assert_eq!(mouth_pictures(0, &in_view, Wears::Nothing), 0);
+        assert_eq!(mouth_pictures(0, &sunglasses, Wears::Nothing), 0);
         assert_eq!(mouth_pictures(0, &in_view, Wears::Headset), MOUTH_PICTURES);
         let mut left = mouth_pictures(0, &covered, Wears::Nothing);
         for wanted in (0..MOUTH_PICTURES).rev() {

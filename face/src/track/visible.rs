@@ -16,6 +16,17 @@ pub(crate) const MOUTH: usize = 3;
 /// For each region, the log-odds that it is in view: left eye, right eye, brows, mouth and jaw, cheeks and nose.
 pub type InView = [f32; REGIONS];
 
+/// Returns for each region the probability that it is in view. What is not a number becomes 0.
+pub(crate) fn likely_in_view(odds: &InView) -> [f32; REGIONS] {
+    odds.map(|odds| (1.0 / (1.0 + (-odds).exp())).max(0.0))
+}
+
+/// Returns the mean probability that eyes and brows are in view.
+pub(crate) fn upper_half(likely: &[f32; REGIONS]) -> f32 {
+    let [left_eye, right_eye, brows, ..] = likely;
+    (left_eye + right_eye + brows) / 3.0
+}
+
 const FILE: &[u8] = include_bytes!("../../models/visible.fwnet");
 
 /// The network.

@@ -4,6 +4,7 @@
 //! nothing but zeros.
 
 use super::affine::{MAX_COORDINATE, MAX_MISFIT, RIGID};
+use super::halves::{HALF_OF_MEASURE, Half, Halves};
 use super::{LANDMARKS, Normalised, SolveError};
 use crate::model::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES};
 
@@ -43,16 +44,22 @@ impl Neutral {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference<'a> {
     pub(super) neutral: Option<&'a Neutral>,
-    pub(super) known: f32,
+    /// How far each half is known. The upper half may be known further than the lower one, but not the other way round.
+    pub(super) known: Halves<f32>,
 }
 
 impl<'a> Reference<'a> {
     /// The mean of many people.
-    pub const MEAN: Self = Self { neutral: None, known: 0.0 };
+    pub const MEAN: Self = Self { neutral: None, known: Halves { upper: 0.0, lower: 0.0 } };
 
     /// A face that is the wearer's neutral face by a share of `known`, from 0 to 1. A share of 0 is [`Self::MEAN`].
     pub fn between(neutral: &'a Neutral, known: f32) -> Self {
-        if known > 0.0 { Self { neutral: Some(neutral), known: known.min(1.0) } } else { Self::MEAN }
+        if known > 0.0 { Self { neutral: Some(neutral), known: Halves::both(known.min(1.0)) } } else { Self::MEAN }
+    }
+
+    /// The same neutral face, both halves of which are known as far as the lower one.
+    pub(super) fn of_lower_half(self) -> Self {
+        self.neutral.map_or(Self::MEAN, |neutral| Self::between(neutral, self.known.lower))
     }
 }
 
@@ -67,8 +74,8 @@ impl<'a> From<Option<&'a Neutral>> for Reference<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Features {
     pub(super) values: [f32; FEATURES],
-    /// How far the wearer's neutral face is known, as in [`Reference`].
-    pub(super) known: f32,
+    /// How far each half of the wearer's neutral face is known, as in [`Reference`].
+    pub(super) known: Halves<f32>,
 }
 
 impl Features {
@@ -77,7 +84,9 @@ impl Features {
         let Reference { neutral, known } = reference.into();
         let mut measures = measure(&face.points);
         if let Some(neutral) = neutral {
-            measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= known * rest);
+            for ((value, rest), half) in measures.iter_mut().zip(neutral.measures.iter()).zip(HALF_OF_MEASURE) {
+                *value -= known.of(half) * rest;
+            }
         }
         let mut values = [0.0; FEATURES];
         // The direction of the face in the picture (right, up), and how much higher its left side is than its right.
@@ -89,7 +98,8 @@ impl Features {
 
     /// The feature minus what is left to subtract of its mean over neutral faces.
     pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32) -> f32 {
-        self.get(id) - (1.0 - self.known) * neutral_mean
+        let half = HALF_OF_MEASURE.get(id.index()).copied().unwrap_or(Half::Lower);
+        self.get(id) - (1.0 - self.known.of(half)) * neutral_mean
     }
 
     pub(super) fn get(&self, id: FeatureId) -> f32 {

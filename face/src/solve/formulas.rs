@@ -11,7 +11,7 @@ const LANES: usize = 8;
 
 impl Cases<FormulaSet> {
     pub(super) fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let set = if features.known >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
+        let set = if features.known.mean() >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
         // The values of the inputs with mean 0 and deviation 1.
         let mut standardised = [0.0; FEATURES];
         for (value, input) in standardised.iter_mut().zip(&set.inputs) {
@@ -86,6 +86,7 @@ mod tests {
         Correction, FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index,
         signed_logarithm,
     };
+    use crate::solve::halves::Halves;
     use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
 
@@ -174,7 +175,9 @@ mod tests {
         let model = formulas(of(0.3), of(0.5));
         let face = turned();
         let features = Features::new(&face, Reference::MEAN);
-        let jaw = |known| model.process(&Features { known, ..features.clone() }).expect("finite").0[JAW_OPEN];
+        let jaw = |known| {
+            model.process(&Features { known: Halves::both(known), ..features.clone() }).expect("finite").0[JAW_OPEN]
+        };
         assert!((jaw(0.0) - jaw(1.0) - 0.2).abs() < 1e-6);
         let neutral = Neutral::from_points(&face.points).expect("a neutral face");
         let jaw = |known| {

@@ -76,7 +76,7 @@ impl Gaze {
 impl GazeLayer {
     /// Returns the turns to the person's left and upwards that the map sees, degrees.
     pub(super) fn process(&self, features: &Features) -> [f32; 2] {
-        let mut turns_deg = towards(self.offsets.neutral_unknown, self.offsets.neutral_known, features.known);
+        let mut turns_deg = towards(self.offsets.neutral_unknown, self.offsets.neutral_known, features.known.upper);
         for input in &self.inputs {
             let value = features.displacement(input.feature, input.neutral);
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
@@ -161,6 +161,7 @@ impl Offset {
 mod tests {
     use super::*;
     use crate::model::{Cases, EYE_SUMS, EYE_VALUES, FEATURES, FeatureId, GazeInput};
+    use crate::solve::halves::Halves;
     use crate::solve::{filter::FRAME_S, normalise};
     use crate::testing::face;
 
@@ -175,7 +176,7 @@ mod tests {
 
     /// Steps by a frame in which map and regression see the eyes turned by these angles both to the left and upwards.
     fn follow(offset: &mut Offset, map_deg: f32, seen_deg: f32) -> Gaze {
-        let mut features = Features { values: [0.0; FEATURES], known: 0.0 };
+        let mut features = Features { values: [0.0; FEATURES], known: Halves::default() };
         features.values[layer().inputs[0].feature.index()] = 0.5 + map_deg / 100.0;
         let mut raw = Coefficients([0.0; COEFFS]);
         Gaze { yaw_pitch_deg: [seen_deg; 2], vergence_deg: 1.0 }.write(&mut raw.0);

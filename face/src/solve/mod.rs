@@ -15,6 +15,7 @@ mod features;
 mod filter;
 mod formulas;
 mod gaze;
+mod halves;
 pub(crate) mod identity;
 mod neutral_estimate;
 mod output;

@@ -7,6 +7,7 @@
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::features::{Features, Reference};
+use super::halves::Halves;
 use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
@@ -30,10 +31,15 @@ impl Model {
         reference: Reference,
     ) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
-            (Regression::Formulas(_), Some(_)) if reference.known < 1.0 => {
+            (Regression::Formulas(_), Some(_)) if reference.known != Halves::both(1.0) => {
                 let unknown = self.process(&Features::new(face, Reference::MEAN))?;
+                let share = reference.known.lower;
+                if share == 0.0 {
+                    // There may be no neutral face of the lower half yet.
+                    return Ok(unknown);
+                }
                 let known = self.process(&Features::new(face, reference.neutral))?;
-                Ok(Coefficients(towards(unknown.0, known.0, reference.known)))
+                Ok(Coefficients(towards(unknown.0, known.0, share)))
             }
             _ => self.process(features),
         }
@@ -67,7 +73,7 @@ const BATCH: usize = 64;
 
 impl HiddenLayer {
     fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let mut hidden = towards(self.offsets_unknown, self.offsets_known, features.known);
+        let mut hidden = towards(self.offsets_unknown, self.offsets_known, features.known.mean());
         for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.weights.as_chunks().0.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
@@ -130,7 +136,7 @@ mod tests {
         for (name, table) in ModelFile::parse(SHIPPED).expect("sound").inputs {
             values[FeatureId::from_name(&name).expect("known").index()] += (1.0 - known) * table.neutral as f32;
         }
-        Features { values, known }
+        Features { values, known: Halves::both(known) }
     }
 
     #[test]

@@ -7,8 +7,16 @@ use thiserror::Error;
 
 use super::{
     Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
-    Reference, Rules, correct, gaze::Offset, mirror_image, neutral_estimate::NeutralEstimate, normalise,
-    output::Crossfade, plausible::GazeState, turned, view::View,
+    Normalised, Reference, Rules, correct,
+    gaze::Offset,
+    halves::{Half, half_of},
+    mirror_image,
+    neutral_estimate::NeutralEstimate,
+    normalise,
+    output::Crossfade,
+    plausible::GazeState,
+    turned,
+    view::View,
 };
 use crate::track::{Appearance, Face};
 
@@ -167,17 +175,14 @@ impl Solver {
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let features = Features::new(&face, reference);
         let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
-        let mut raw = self.model.solve(&face, &features, reference)?;
-        if let Some(residual) = self.model.residual(appearance, reference.known)? {
-            raw = raw.plus(&residual);
-        }
+        let mut raw = self.raw(&face, &features, reference, appearance)?;
         if let Some(Appearance { looks, .. }) = appearance {
             self.model.look(&mut raw, &face, Some(&looks.eyes));
             counts.look_at_mouth(&mut raw, &looks.mouth);
         }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
-            None if reference.known >= ESTIMATED => NeutralFace::Estimated,
+            None if reference.known.mean() >= ESTIMATED => NeutralFace::Estimated,
             None => NeutralFace::Mean,
         };
         // A rejected frame does not get here: the time of the filters goes on until the next good frame.
@@ -217,6 +222,42 @@ impl Solver {
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face, visibility, is_turned_away })
     }
 
+    /// Computes the coefficients of a face whose halves may be known unlike.
+    fn raw(
+        &self,
+        face: &Normalised,
+        features: &Features,
+        reference: Reference,
+        appearance: Option<&Appearance>,
+    ) -> Result<Coefficients, SolveError> {
+        let mut raw = self.regress(face, features, reference, appearance, Half::Upper)?;
+        if reference.known.upper > reference.known.lower {
+            // What is known of eyes and brows alone would mislead the regression of the mouth.
+            let reference = reference.of_lower_half();
+            let lower = self.regress(face, &Features::new(face, reference), reference, appearance, Half::Lower)?;
+            for (place, (value, lower)) in raw.0.iter_mut().zip(lower.0).enumerate() {
+                if half_of(place) == Half::Lower {
+                    *value = lower;
+                }
+            }
+        }
+        Ok(raw)
+    }
+
+    /// Computes the coefficients of a half of the face. Those of the other half count only if both are known alike.
+    fn regress(
+        &self,
+        face: &Normalised,
+        features: &Features,
+        reference: Reference,
+        appearance: Option<&Appearance>,
+        half: Half,
+    ) -> Result<Coefficients, SolveError> {
+        let raw = self.model.solve(face, features, reference)?;
+        let residual = self.model.residual(appearance, reference.known.of(half))?;
+        Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
+    }
+
     /// Replaces the profile. The output does not jump.
     pub fn set_profile(&mut self, profile: Profile) {
         self.profile = profile;
@@ -228,9 +269,10 @@ impl Solver {
         self.history.crossfade.is_due = true;
     }
 
-    /// Share of the estimated neutral face in the reference, from 0 to 1. It is 0 with a calibrated one.
+    /// Share of the estimated neutral face in the reference, from 0 to 1, in the mean of the upper and the lower half of the face.
+    /// It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
-        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.share }
+        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.reference().known.mean() }
     }
 
     /// How often the estimate was forgotten, because another person sat down.
@@ -263,6 +305,8 @@ impl History {
 #[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
+    use crate::model::Regression;
+    use crate::solve::halves::Halves;
     use crate::solve::{FilterKind, MAX_REST};
     use crate::testing::face;
     use crate::track::{LANDMARKS, Landmarks};
@@ -309,6 +353,29 @@ mod tests {
         assert_eq!(got, want);
         assert_ne!(want, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
         assert_ne!(want, solutions(|solver, _| solver.history = History::default()));
+    }
+
+    #[test]
+    fn what_is_known_of_eyes_and_brows_alone_changes_no_coefficient_of_the_mouth() {
+        let seen = normalise(&turned(5.0)).expect("a face");
+        let neutral = Neutral::from_points(&normalise(&turned(-5.0)).expect("a face").points).expect("a face");
+        // The points of the test's face are not those of a person: only small weights make something of them.
+        let mut model = Model::embedded();
+        let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
+        layer.output.weights.iter_mut().for_each(|weight| *weight *= 1e-3);
+        let shaping = Shaping::only(Filters::uniform(FilterKind::Off, 0.3));
+        let solver = Solver::new(model, Profile::default(), shaping);
+        let raw = |reference| {
+            let features = Features::new(&seen, reference);
+            solver.raw(&seen, &features, reference, None).expect("coefficients").0
+        };
+        let unknown = raw(Reference::MEAN);
+        let known = Halves { upper: 1.0, lower: 0.0 };
+        let known = raw(Reference { known, ..Reference::between(&neutral, 1.0) });
+        for (place, (known, unknown)) in known.iter().zip(&unknown).enumerate() {
+            assert!(half_of(place) == Half::Upper || known == unknown, "{place}: {known} {unknown}");
+        }
+        assert_ne!(known, unknown);
     }
 
     #[test]

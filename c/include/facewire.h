@@ -73,7 +73,7 @@ struct facewire_options {
   uint32_t flags;
   // Angle of view across the width of the picture.
   float horizontal_fov_deg;
-  // A profile by `facewire calibrate`, or NULL.
+  // A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
   const char *profile;
   // A blendshape model in place of the built-in one, or NULL.
   const char *model;

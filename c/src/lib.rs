@@ -69,7 +69,7 @@ pub struct Options {
     pub flags: u32,
     /// Angle of view across the width of the picture.
     pub horizontal_fov_deg: f32,
-    /// A profile by `facewire calibrate`, or NULL.
+    /// A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
     pub profile: *const c_char,
     /// A blendshape model in place of the built-in one, or NULL.
     pub model: *const c_char,

@@ -16,8 +16,8 @@ use facewire::config::Settings;
 use facewire::pipeline::{Pipeline, shaping};
 use facewire_face::stages::NetworkFolder;
 use facewire_library::{
-    BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralMode, Options, Picture, Pixels, Profile,
-    default_shaping, neutral_of, read_profile,
+    BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralFace, NeutralMode, Options, Picture, Pixels,
+    Profile, default_shaping, neutral_of, read_profile,
 };
 use films::films;
 
@@ -234,6 +234,73 @@ fn each_of_two_faces_has_an_identity_and_a_history_and_reads_like_the_same_face_
             }
         }
     }
+}
+
+/// The face of another person: darker, and so many times as wide.
+fn stranger(samples: &[u8], width: f32) -> Vec<u8> {
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates"
+    )]
+    let place = |x: usize| ((x as f32 - 320.0) / width + 320.0) as usize;
+    let widened = |row: &[u8]| (0..SIZE[0]).map(|x| row[place(x).min(SIZE[0] - 1)] / 3 * 2).collect::<Vec<_>>();
+    samples.chunks(SIZE[0]).flat_map(widened).collect()
+}
+
+/// The only face in a picture that was taken at this time.
+fn only_face(tracker: &mut FaceTracker, samples: &[u8], number: u64) -> Option<Face> {
+    let picture = Format::Grey.picture(samples, SIZE).unwrap();
+    tracker.process(&picture, Duration::from_millis(100 * number)).unwrap().cloned()
+}
+
+#[test]
+fn of_several_faces_a_stranger_begins_anew_and_who_comes_back_has_the_neutral_face_of_before() {
+    let mut clip = Vec::new();
+    play(20, |picture, _| clip.push(grey(picture)));
+    let [mut tracker, mut fresh] = [(); 2].map(|()| Options::default().max_faces(2).open().unwrap());
+    let nobody = vec![128; SIZE[0] * SIZE[1]];
+    let at_rest: Vec<_> = (0..100).map(|time| only_face(&mut tracker, &clip[0], time).unwrap().neutral).collect();
+    assert_eq!((at_rest[0], at_rest[99]), (NeutralFace::Mean, NeutralFace::Estimated));
+    // Two strangers, one after the other, for whom there is memory of one.
+    for (began, width) in [(100, 1.3), (200, 0.75)] {
+        assert!(only_face(&mut tracker, &nobody, began).is_none());
+        fresh.reset();
+        for (samples, time) in clip.iter().zip(began + 1..) {
+            let samples = stranger(samples, width);
+            let [face, wanted] = [&mut tracker, &mut fresh].map(|tracker| only_face(tracker, &samples, time).unwrap());
+            assert!(with_id(face, &wanted) == wanted, "at {time}");
+        }
+    }
+    assert!(only_face(&mut tracker, &nobody, 300).is_none());
+    assert_eq!(only_face(&mut tracker, &clip[0], 301).unwrap().neutral, NeutralFace::Estimated);
+}
+
+#[test]
+fn the_profile_is_that_of_the_first_face_alone_and_another_one_can_be_given_to_each() {
+    let mut clip = Vec::new();
+    play(60, |picture, _| clip.push(grey(picture)));
+    let pictures: Vec<_> = clip.iter().map(|samples| pair(samples, &stranger(samples, 1.3))).collect();
+    let profile =
+        Profile { neutral: Some(neutral_of(&follow(1, |_| pictures[0].clone())[9]).unwrap()), ..Profile::default() };
+    let mut tracker = Options::default().max_faces(2).profile(profile.clone()).open().unwrap();
+    let show = |tracker: &mut FaceTracker, samples: &[u8], number: usize| {
+        let picture = Format::Grey.picture(samples, [2 * SIZE[0], SIZE[1]]).unwrap();
+        let found = tracker.process_all(&picture, Duration::from_millis(33 * number as u64)).unwrap();
+        let mut found: Vec<_> = found.map(|face| (face.id, face.neutral)).collect();
+        found.sort_by_key(|(id, _)| *id);
+        found
+    };
+    let (calibrated, mean) = (NeutralFace::Calibrated, NeutralFace::Mean);
+    assert_eq!(show(&mut tracker, &pictures[0], 0), [(1, calibrated), (2, mean)]);
+    assert!(tracker.set_profile_of(2, &profile) && !tracker.set_profile_of(3, &profile));
+    assert!(tracker.set_profile_of(1, &Profile::default()));
+    assert_eq!(show(&mut tracker, &pictures[1], 1), [(1, mean), (2, calibrated)]);
+    tracker.set_profile(&profile);
+    assert_eq!(show(&mut tracker, &pictures[2], 2), [(1, calibrated), (2, calibrated)]);
+    tracker.reset();
+    assert_eq!(show(&mut tracker, &pictures[3], 3), [(3, calibrated), (4, mean)]);
 }
 
 #[test]

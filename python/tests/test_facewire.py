@@ -268,6 +268,18 @@ class Results(unittest.TestCase):
         tracker.reset()
         self.assertIsNotNone(tracker.process(PICTURE, 0.0))
 
+    def test_of_several_faces_each_has_its_own_neutral_face(self):
+        tracker = facewire.FaceTracker(max_faces=2)
+        pair = numpy.hstack([PICTURE, bgr(20)])
+        first, second = tracker.process_all(pair, 0.0)
+        with self.assertRaisesRegex(ValueError, "different ids"):
+            tracker.set_neutral([first, second])
+        tracker.set_neutral([second])
+        self.assertEqual([face.neutral for face in tracker.process_all(pair, 0.03)], ["mean", "calibrated"])
+        tracker.reset()
+        with self.assertRaisesRegex(ValueError, "not in the last picture"):
+            tracker.set_neutral([second])
+
     def test_a_film_is_tracked_by_whatever_decoder_there_is(self):
         coefficients = []
         for hidden in ("av", "cv2"):

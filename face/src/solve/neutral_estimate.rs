@@ -84,6 +84,16 @@ impl Default for NeutralEstimate {
 }
 
 impl NeutralEstimate {
+    /// Begins anew. Does not allocate.
+    pub(super) fn reset(&mut self) {
+        let Self { mean, outputs, evidence_s, used, share, is_fading, forgotten, watch, identity, position } = self;
+        mean.fill(0.0);
+        used.measures.fill(0.0);
+        *outputs = [0.0; COEFFS];
+        (*evidence_s, *share, *is_fading, *forgotten) = (0.0, 0.0, false, 0);
+        (*watch, *identity, *position) = Default::default();
+    }
+
     pub(super) fn reference(&self) -> Reference<'_> {
         Reference::between(&self.used, self.share)
     }

@@ -217,6 +217,14 @@ impl Solver {
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face, visibility, is_turned_away })
     }
 
+    /// Forgets the wearer and all frames, but not the profile. Does not allocate.
+    pub fn forget(&mut self) {
+        let History { view, estimate, gaze_offset, gaze, away, filters, crossfade, last_us } = &mut self.history;
+        estimate.reset();
+        (*view, *gaze_offset, *gaze, *away) = Default::default();
+        (*filters, *crossfade, *last_us) = Default::default();
+    }
+
     /// Replaces the profile. The output does not jump.
     pub fn set_profile(&mut self, profile: Profile) {
         self.profile = profile;

@@ -135,6 +135,8 @@ struct facewire_face {
   struct facewire_visibility visibility;
   // How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
   float score;
+  // The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom.
+  float box_px[4];
   // x, y and z of the landmarks in pixels of the picture.
   float landmarks[FACEWIRE_LANDMARKS][3];
 };

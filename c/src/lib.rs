@@ -144,6 +144,8 @@ pub struct Face {
     pub visibility: Visibility,
     /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
     pub score: f32,
+    /// The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom.
+    pub box_px: [f32; 4],
     /// x, y and z of the landmarks in pixels of the picture.
     pub landmarks: [[f32; 3]; FACEWIRE_LANDMARKS],
 }
@@ -164,6 +166,7 @@ impl From<&facewire_library::Face> for Face {
             },
             visibility: face.visibility.into(),
             score: face.score,
+            box_px: face.box_px(),
             landmarks: face.landmarks.0,
         }
     }

@@ -3,7 +3,7 @@
 use std::iter;
 use std::time::Duration;
 
-use facewire_face::stages::{Coefficients, Detector, Mesh, Wearer};
+use facewire_face::stages::{Coefficients, Detector, Mesh, Wearer, bounds};
 use facewire_face::{
     BLENDSHAPES, COEFFS, Camera, Engine, FaceBox, Gaze, HeadPose, InferError, Landmarks, Model, NeutralMode, Picture,
     Profile, Solver,
@@ -43,6 +43,13 @@ impl Face {
     pub fn coefficient(&self, name: &str) -> Option<f32> {
         let index = BLENDSHAPES.iter().position(|known| *known == name)?;
         self.coefficients.get(index).copied()
+    }
+
+    /// The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom. It reaches
+    /// from the forehead to the chin, and beyond the edge of the picture if the face does.
+    pub fn box_px(&self) -> [f32; 4] {
+        let [[left, top], [right, bottom]] = bounds(self.landmarks.0.iter().map(|[x, y, _]| [*x, *y]));
+        [left, top, right, bottom]
     }
 }
 

@@ -99,11 +99,7 @@ fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
 /// The picture with something dark over the upper half of this face, as a headset is.
 fn covered(picture: &Picture, face: &Face) -> Vec<u8> {
     let Pixels::Planar { planes, strides, chroma_shift: [1, 0] } = picture.pixels else { panic!() };
-    let ends = |axis: usize| {
-        let places = face.landmarks.0.map(|point| point[axis]);
-        [places.iter().copied().fold(f32::INFINITY, f32::min).max(0.0), places.iter().copied().fold(0.0, f32::max)]
-    };
-    let [[left, right], [top, bottom]] = [0, 1].map(ends);
+    let [left, top, right, bottom] = face.box_px();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "places in a picture")]
     let [left, right, top, bottom] = [left, right, top, top + 0.55 * (bottom - top)].map(|place| place as usize);
     let strides = [strides[0], strides[1], strides[1]];
@@ -132,6 +128,16 @@ fn a_face_in_view_scores_17_to_30_and_one_whose_upper_half_is_covered_less_than_
     assert!(clear.iter().all(|score| (17.0..30.0).contains(score)), "{clear:?}");
     doubtful.sort_by(f32::total_cmp);
     assert!(doubtful.len() > 20 && doubtful[0] >= 0.0 && doubtful[doubtful.len() / 2] < 15.0, "{doubtful:?}");
+}
+
+#[test]
+fn the_box_of_a_face_is_the_smallest_around_its_landmarks() {
+    let face = faces(FaceTracker::new().unwrap(), 1, grey, Format::Grey).remove(0);
+    let [left, top, right, bottom] = face.box_px();
+    let all = || face.landmarks.0.iter();
+    assert!(all().all(|[x, y, _]| (left..=right).contains(x) && (top..=bottom).contains(y)));
+    assert!([left, right].iter().all(|side| all().any(|[x, ..]| x == side)), "{left} {right}");
+    assert!([top, bottom].iter().all(|side| all().any(|[_, y, _]| y == side)), "{top} {bottom}");
 }
 
 #[test]

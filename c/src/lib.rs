@@ -8,8 +8,8 @@ use std::ptr;
 use std::time::Duration;
 
 use facewire_library::{
-    Adjustments, BLENDSHAPES, Error, FaceTracker, Filters, Format, NeutralFace, NeutralMode, Options as Chosen,
-    default_shaping, read_profile,
+    BLENDSHAPES, Error, FaceTracker, Filters, Format, NeutralFace, NeutralMode, Options as Chosen, default_shaping,
+    read_profile,
 };
 
 /// Number of blendshapes.
@@ -229,7 +229,7 @@ unsafe fn open(options: &Options) -> Result<FaceTracker, String> {
     }
     let mut chosen = if is_set(FACEWIRE_STILLS) { Chosen::for_stills() } else { Chosen::default() };
     let mut shaping = default_shaping();
-    shaping.adjustments = Adjustments { mirror: is_set(FACEWIRE_MIRROR), ..Adjustments::default() };
+    shaping.adjustments.mirror = is_set(FACEWIRE_MIRROR);
     if is_set(FACEWIRE_STILLS) || is_set(FACEWIRE_UNSMOOTHED) {
         shaping.filters = Filters::OFF;
     }

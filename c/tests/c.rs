@@ -91,7 +91,7 @@ fn a_program_in_c_gets_the_values_of_the_rust_crate_to_the_last_bit() {
     let (mut clip, mut film) = (Clip::once().unwrap(), Vec::new());
     for _ in 0..FRAMES {
         let frame = clip.next().unwrap().unwrap();
-        let Pixels::Planar { planes, .. } = frame.picture().unwrap().pixels else {
+        let Pixels::Planar { planes, .. } = frame.picture().unwrap().pixels() else {
             unreachable!("the clip has planes")
         };
         planes

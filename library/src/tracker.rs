@@ -141,21 +141,19 @@ impl FaceTracker {
     /// Returns the face in a picture that was taken at `time` since any moment that stays the same. If several faces are
     /// followed, this is the one that has been followed longest. Does not allocate, except with [`Options::for_stills`].
     ///
-    /// A time before the last one begins anew: the filters forget the past. A picture is an error if its fields were changed to
-    /// what does not fit its samples.
+    /// A time before the last one begins anew: the filters forget the past.
     pub fn process(&mut self, picture: &Picture, time: Duration) -> Result<Option<&Face>, Error> {
         Ok(self.process_all(picture, time)?.min_by_key(|face| face.id))
     }
 
     /// Returns all faces in a picture, like [`FaceTracker::process`].
     pub fn process_all(&mut self, picture: &Picture, time: Duration) -> Result<impl Iterator<Item = &Face>, Error> {
-        check(picture)?;
         if self.is_for_stills {
             self.reset();
         }
         self.seats.iter_mut().for_each(|seat| seat.is_seen = false);
         let camera = Camera::new(picture.size_px(), self.horizontal_fov_deg);
-        let camera = if picture.rotation.is_sideways() { camera.on_its_side() } else { camera };
+        let camera = if picture.rotation().is_sideways() { camera.on_its_side() } else { camera };
         let time_us = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
         self.search(picture)?;
         for seat in &mut self.seats {
@@ -289,18 +287,6 @@ impl FaceTracker {
         let rank =
             |(place, person): &(usize, &Person)| person.wearer.is_known().then_some((*place == 0, person.seen_us));
         self.away().min_by_key(rank).map(|(place, _)| place)
-    }
-}
-
-/// Checks again what [`Picture::new`] has checked, because fields can be changed.
-fn check(picture: &Picture) -> Result<(), Error> {
-    let Picture { width, height, pixels, full_range, .. } = *picture;
-    match Picture::new(width, height, pixels, full_range) {
-        Some(_) => Ok(()),
-        None => Err(Error::Picture(format!(
-            "the picture of {width} x {height} pixels is not complete: its fields were changed to what does not fit its \
-             samples; make it by Picture::new"
-        ))),
     }
 }
 

@@ -2,9 +2,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use facewire_library::{
-    Adjustments, Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile,
-};
+use facewire_library::{Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -69,7 +67,7 @@ impl FaceTracker {
     ) -> PyResult<Self> {
         let options = if stills { Options::for_stills() } else { Options::default() };
         let mut shaping = default_shaping();
-        shaping.adjustments = Adjustments { mirror, ..Adjustments::default() };
+        shaping.adjustments.mirror = mirror;
         if stills || !smoothing {
             shaping.filters = Filters::OFF;
         }
@@ -146,7 +144,7 @@ impl FaceTracker {
     /// face changes.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
-        let profile = Profile { neutral: Some(neutral), ..Profile::default() };
+        let profile = Profile::from(neutral);
         let tracker = &mut self.lock()?.tracker;
         if self.is_for_one {
             tracker.set_profile(&profile);

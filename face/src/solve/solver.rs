@@ -91,6 +91,7 @@ pub enum Wears {
 
 /// What is known of the wearer. The default is a wearer of whom nothing is known.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Profile {
     /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
     pub neutral: Option<Neutral>,
@@ -98,6 +99,13 @@ pub struct Profile {
     pub rest: [f32; COEFFS],
     /// The factor that brings the wearer's full expression to the full range; 1 where unknown.
     pub gain: [f32; COEFFS],
+}
+
+/// A wearer of whom the neutral face alone is known.
+impl From<Neutral> for Profile {
+    fn from(neutral: Neutral) -> Self {
+        Self { neutral: Some(neutral), ..Self::default() }
+    }
 }
 
 impl Default for Profile {

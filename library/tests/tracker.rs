@@ -367,6 +367,25 @@ fn the_profile_of_a_calibration_is_read_as_the_service_reads_it_and_another_file
 }
 
 #[test]
+fn a_new_neutral_face_does_not_move_the_gaze_of_a_still_face() {
+    play(1, |picture, _| {
+        let mut tracker = Options::default().neutral(NeutralMode::Off).open().unwrap();
+        let show = |tracker: &mut FaceTracker, tenths_s: u64| {
+            tracker.process(picture, Duration::from_millis(100 * tenths_s)).unwrap().unwrap().clone()
+        };
+        let before: Vec<_> = (0..100).map(|time| show(&mut tracker, time)).collect();
+        tracker.set_profile(&neutral_of(&before[80..]).unwrap().into());
+        let was_deg = before[99].gaze.yaw_pitch_deg;
+        for time in 100..300 {
+            let face = show(&mut tracker, time);
+            assert_eq!(face.neutral, NeutralFace::Calibrated);
+            let moved_deg = [0, 1].map(|axis| (face.gaze.yaw_pitch_deg[axis] - was_deg[axis]).abs());
+            assert!(moved_deg.iter().all(|deg| *deg < 0.3), "{moved_deg:?} after {} tenths of a second", time - 99);
+        }
+    });
+}
+
+#[test]
 fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
     let error = |options: Options| options.open().err().unwrap().to_string();
     assert!(error(Options::default().max_faces(0)).contains("max_faces"));

@@ -174,7 +174,7 @@ impl Solver {
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let features = Features::new(&face, reference);
-        let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
+        let turns_deg = self.model.map_of_gaze(&face);
         let mut raw = self.model.solve(&face, &features, reference)?;
         if let Some(residual) = self.model.residual(appearance, reference.known)? {
             raw = raw.plus(&residual);

@@ -16,6 +16,7 @@ mod model;
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed={MODEL}");
+    println!("cargo::rerun-if-changed=models/eyes.fwnet");
     println!("cargo::rerun-if-changed=src/model");
     match model::Model::load(Path::new(MODEL)) {
         Ok(model) => fs::write(Path::new(&env::var("OUT_DIR")?).join("blendshapes.bin"), model.to_bytes())?,

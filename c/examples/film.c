@@ -57,6 +57,7 @@ int main(int argc, char **argv)
             fwrite(face.position_mm, sizeof face.position_mm, 1, values);
             fwrite(&face.visibility, sizeof face.visibility, 1, values);
             fwrite(&face.score, sizeof face.score, 1, values);
+            fwrite(face.box_px, sizeof face.box_px, 1, values);
             fwrite(face.landmarks, sizeof face.landmarks, 1, values);
         }
     }

@@ -73,7 +73,7 @@ struct facewire_options {
   uint32_t flags;
   // Angle of view across the width of the picture.
   float horizontal_fov_deg;
-  // A profile by `facewire calibrate`, or NULL.
+  // A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
   const char *profile;
   // A blendshape model in place of the built-in one, or NULL.
   const char *model;
@@ -135,6 +135,8 @@ struct facewire_face {
   struct facewire_visibility visibility;
   // How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
   float score;
+  // The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom.
+  float box_px[4];
   // x, y and z of the landmarks in pixels of the picture.
   float landmarks[FACEWIRE_LANDMARKS][3];
 };

@@ -8,8 +8,8 @@ use std::ptr;
 use std::time::Duration;
 
 use facewire_library::{
-    Adjustments, BLENDSHAPES, Error, FaceTracker, Filters, Format, NeutralFace, NeutralMode, Options as Chosen,
-    default_shaping, read_profile,
+    BLENDSHAPES, Error, FaceTracker, Filters, Format, NeutralFace, NeutralMode, Options as Chosen, default_shaping,
+    read_profile,
 };
 
 /// Number of blendshapes.
@@ -69,7 +69,7 @@ pub struct Options {
     pub flags: u32,
     /// Angle of view across the width of the picture.
     pub horizontal_fov_deg: f32,
-    /// A profile by `facewire calibrate`, or NULL.
+    /// A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
     pub profile: *const c_char,
     /// A blendshape model in place of the built-in one, or NULL.
     pub model: *const c_char,
@@ -144,6 +144,8 @@ pub struct Face {
     pub visibility: Visibility,
     /// How surely the network sees a face: its log-odds, about 25 for one in view. Below 15 the face is doubtful.
     pub score: f32,
+    /// The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom.
+    pub box_px: [f32; 4],
     /// x, y and z of the landmarks in pixels of the picture.
     pub landmarks: [[f32; 3]; FACEWIRE_LANDMARKS],
 }
@@ -164,6 +166,7 @@ impl From<&facewire_library::Face> for Face {
             },
             visibility: face.visibility.into(),
             score: face.score,
+            box_px: face.box_px(),
             landmarks: face.landmarks.0,
         }
     }
@@ -226,7 +229,7 @@ unsafe fn open(options: &Options) -> Result<FaceTracker, String> {
     }
     let mut chosen = if is_set(FACEWIRE_STILLS) { Chosen::for_stills() } else { Chosen::default() };
     let mut shaping = default_shaping();
-    shaping.adjustments = Adjustments { mirror: is_set(FACEWIRE_MIRROR), ..Adjustments::default() };
+    shaping.adjustments.mirror = is_set(FACEWIRE_MIRROR);
     if is_set(FACEWIRE_STILLS) || is_set(FACEWIRE_UNSMOOTHED) {
         shaping.filters = Filters::OFF;
     }

@@ -71,7 +71,8 @@ fn compare([width, height]: [usize; 2], film: &[u8]) -> usize {
         found += 1;
         let values = face.coefficients.iter().chain(&face.head.rotation_xyzw).chain(&face.head.position_mm);
         let visibility = face.visibility.values();
-        let values = values.chain(&visibility).chain([&face.score]);
+        let box_px = face.box_px();
+        let values = values.chain(&visibility).chain([&face.score]).chain(&box_px);
         expected.extend(values.chain(face.landmarks.0.as_flattened()).flat_map(|value| value.to_le_bytes()));
     }
     let (path, values) = (folder.path().join("film.i422"), folder.path().join("values.f32"));
@@ -90,7 +91,7 @@ fn a_program_in_c_gets_the_values_of_the_rust_crate_to_the_last_bit() {
     let (mut clip, mut film) = (Clip::once().unwrap(), Vec::new());
     for _ in 0..FRAMES {
         let frame = clip.next().unwrap().unwrap();
-        let Pixels::Planar { planes, .. } = frame.picture().unwrap().pixels else {
+        let Pixels::Planar { planes, .. } = frame.picture().unwrap().pixels() else {
             unreachable!("the clip has planes")
         };
         planes

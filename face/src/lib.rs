@@ -38,7 +38,7 @@ pub mod stages {
         normalise,
     };
     pub use crate::track::{
-        Block, Border, CropShape, Detector, EYE_SIDE, Eyes, InView, MOUTH_SIDE, Mesh, Mouth, Rows, Visible, bounds,
-        crop,
+        Block, Border, CropShape, Detector, EYE_SIDE, Eyes, InView, MOUTH_SIDE, Mesh, Mouth, Rows, Visible, Wearer,
+        bounds, crop,
     };
 }

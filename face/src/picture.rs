@@ -6,16 +6,11 @@ pub const MAX_SIDE_PX: usize = 4096;
 /// A borrowed picture, whose samples [`Picture::new`] has checked to be complete.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
-    /// Pixels in a row.
-    pub width: usize,
-    /// Number of rows.
-    pub height: usize,
-    #[allow(missing_docs, reason = "the type says it")]
-    pub pixels: Pixels<'a>,
-    /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
-    pub full_range: bool,
-    /// How the picture must be turned to stand upright. Landmarks and regions are those of the upright picture.
-    pub rotation: Rotation,
+    width: usize,
+    height: usize,
+    pixels: Pixels<'a>,
+    full_range: bool,
+    rotation: Rotation,
 }
 
 /// Clockwise turn that makes the picture of a camera upright, which is mounted on its side or upside down.
@@ -82,6 +77,36 @@ impl<'a> Picture<'a> {
         let sides = 1..=MAX_SIDE_PX;
         let fits = sides.contains(&width) && sides.contains(&height) && pixels.hold(width, height);
         fits.then_some(Self { width, height, pixels, full_range, rotation: Rotation::None })
+    }
+
+    /// The same samples, of which this turn makes the upright picture. Landmarks and regions are those of the upright picture.
+    pub fn rotated(self, rotation: Rotation) -> Self {
+        Self { rotation, ..self }
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The samples.
+    pub fn pixels(&self) -> Pixels<'a> {
+        self.pixels
+    }
+
+    /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
+    pub fn full_range(&self) -> bool {
+        self.full_range
+    }
+
+    /// How the picture must be turned to stand upright.
+    pub fn rotation(&self) -> Rotation {
+        self.rotation
     }
 
     /// Width and height of the upright picture, pixels.

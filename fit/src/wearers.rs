@@ -111,7 +111,7 @@ struct Learned {
 fn learn(clip: &Clip, model: &Model, knowledge: Knowledge) -> Result<Learned> {
     let profile = match knowledge {
         Knowledge::Nothing | Knowledge::Watched | Knowledge::Restless => Profile::default(),
-        Knowledge::Neutral => Profile { neutral: Some(clip.neutral(NEUTRAL_FRAMES)?), ..Profile::default() },
+        Knowledge::Neutral => clip.neutral(NEUTRAL_FRAMES)?.into(),
         Knowledge::Calibrated => calibrate(clip, model, "neutral")?.unwrap_or_default(),
         Knowledge::Smiled => calibrate(clip, model, "smile")?.unwrap_or_default(),
     };

@@ -96,7 +96,8 @@ pub fn hash(picture: &Picture<'_>) -> u64 {
     let mut rows = |data: &[u8], stride: usize, [width, rows]: [usize; 2]| {
         (0..rows).for_each(|row| data[row * stride..][..width].hash(&mut hasher));
     };
-    let &Picture { width, height, pixels, .. } = picture;
+    let [width, height] = [picture.width(), picture.height()];
+    let pixels = picture.pixels();
     match pixels {
         Pixels::Grey { data, stride } => rows(data, stride, [width, height]),
         Pixels::Packed { data, stride, step, .. } => rows(data, stride, [step * width, height]),

@@ -90,7 +90,7 @@ fn raw(layout: &Layout, used: usize, region: &FaceBox, shape: CropShape) {
     assert_eq!(store.keep(&padded[..used]).is_ok(), used >= frame.len());
     store.keep(&padded).unwrap();
     let picture = store.picture().unwrap();
-    assert_eq!((picture.width, picture.height), (layout.width, layout.height));
+    assert_eq!((picture.width(), picture.height()), (layout.width, layout.height));
     let middle = FaceBox { centre: [0.0; 2], size: 0.0, angle_rad: 0.0 };
     let colour = sampled(&picture, &middle, CropShape { side: 1, border: Border::Replicate, ..shape });
     let border = [shape.range[0]; 3];
@@ -157,7 +157,7 @@ fn jpeg(layout: &Layout, input: &mut Input<'_>, region: &FaceBox, shape: CropSha
     }
     assert_eq!(alone.is_ok(), store.picture().is_some());
     if let Some(picture) = store.picture() {
-        assert_eq!((picture.width, picture.height), (layout.width, layout.height));
+        assert_eq!((picture.width(), picture.height()), (layout.width, layout.height));
         assert!(sampled(&picture, region, shape).iter().all(|value| (-1.0..=1.0).contains(value)));
     }
 }

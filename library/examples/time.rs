@@ -52,8 +52,8 @@ fn film(format: Format) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
     let (mut clip, mut film) = (Clip::once()?, Vec::new());
     while film.len() < FRAMES {
         let frame = clip.next()?.ok_or("the clip is too short")?;
-        let Some(Picture { pixels: Pixels::Planar { planes: [luma, cb, cr], strides: [640, 320], .. }, .. }) =
-            frame.picture()
+        let Some(Pixels::Planar { planes: [luma, cb, cr], strides: [640, 320], .. }) =
+            frame.picture().map(Picture::pixels)
         else {
             return Err("the clip is 4:2:2 without padding".into());
         };

@@ -25,16 +25,16 @@ fn main() -> Result<(), Box<dyn Error>> {
             face.and_then(|face| BLENDSHAPES.iter().zip(face.coefficients).max_by(|a, b| a.1.total_cmp(&b.1)));
         window.set_title(&strongest.map_or("no face".to_owned(), |(name, value)| format!("{name} {value:.2}")));
         if let Some(face) = face {
-            draw(face, picture.width, &mut canvas);
+            draw(face, picture.width(), &mut canvas);
         }
-        window.update_with_buffer(&canvas, picture.width, picture.height)?;
+        window.update_with_buffer(&canvas, picture.width(), picture.height())?;
     }
     Ok(())
 }
 
 /// The brightness of a picture, as the window takes it.
 fn grey(picture: &Picture) -> Vec<u32> {
-    let (samples, stride, step) = match picture.pixels {
+    let (samples, stride, step) = match picture.pixels() {
         Pixels::Grey { data: luma, stride }
         | Pixels::Nv12 { luma, stride, .. }
         | Pixels::Planar { planes: [luma, ..], strides: [stride, _], .. } => (luma, stride, 1),
@@ -44,8 +44,8 @@ fn grey(picture: &Picture) -> Vec<u32> {
             (data.get(green..).unwrap_or_default(), stride, step)
         }
     };
-    let rows = samples.chunks(stride).take(picture.height);
-    rows.flat_map(|row| row.iter().step_by(step).take(picture.width))
+    let rows = samples.chunks(stride).take(picture.height());
+    rows.flat_map(|row| row.iter().step_by(step).take(picture.width()))
         .map(|luma| u32::from(*luma) * 0x01_01_01)
         .collect()
 }

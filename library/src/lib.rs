@@ -48,8 +48,9 @@ mod tracker;
 
 pub use error::Error;
 pub use facewire_face::{
-    Adjustment, Adjustments, BLENDSHAPES, Filter, FilterKind, Filters, Gaze, Group, HeadPose, LANDMARKS, Landmarks,
-    MAX_SIDE_PX, Neutral, NeutralMode, Picture, Pixels, Profile, Rules, Shaping, SolveError,
+    Adjustment, Adjustments, BLENDSHAPES, Camera, Filter, FilterKind, Filters, Gaze, Group, HeadPose, LANDMARKS,
+    Landmarks, MAX_SIDE_PX, Neutral, NeutralMode, Picture, Pixels, Profile, Rotation, Rules, Shaping, SolveError,
+    stages::{Coefficients, FiltersState, Normalised},
 };
 pub use facewire_packet::{NeutralFace, Visibility};
 pub use format::Format;

@@ -84,7 +84,8 @@ impl Options {
         Self { threads, ..self }
     }
 
-    /// What is known of the wearer ([`read_profile`](crate::read_profile), [`neutral_of`](crate::neutral_of)).
+    /// What is known of the wearer ([`read_profile`](crate::read_profile), [`neutral_of`](crate::neutral_of)). With several
+    /// faces, the wearer is the first face that is found, and [`FaceTracker::set_profile_of`] gives a profile to another one.
     pub fn profile(self, profile: Profile) -> Self {
         Self { profile, ..self }
     }

@@ -48,7 +48,7 @@ pub fn read_profile(path: impl AsRef<Path>) -> Result<Profile, Error> {
 fn profile_of(table: &Table) -> Option<Profile> {
     let steps: &[[i16; 3]; LANDMARKS] = table.neutral.as_slice().try_into().ok()?;
     let points = steps.map(|point| point.map(|step| f32::from(step) / STEPS));
-    let mut profile = Profile { neutral: Some(Neutral::of_face(&points).ok()?), ..Profile::default() };
+    let mut profile = Profile::from(Neutral::of_face(&points).ok()?);
     for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
         let terms = table.blendshapes.get(*name)?;
         let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);

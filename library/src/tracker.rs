@@ -3,7 +3,7 @@
 use std::iter;
 use std::time::Duration;
 
-use facewire_face::stages::{Coefficients, Detector, Mesh};
+use facewire_face::stages::{Coefficients, Detector, Mesh, Wearer, bounds};
 use facewire_face::{
     BLENDSHAPES, COEFFS, Camera, Engine, FaceBox, Gaze, HeadPose, InferError, Landmarks, Model, NeutralMode, Picture,
     Profile, Solver,
@@ -44,6 +44,13 @@ impl Face {
         let index = BLENDSHAPES.iter().position(|known| *known == name)?;
         self.coefficients.get(index).copied()
     }
+
+    /// The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom. It reaches
+    /// from the forehead to the chin, and beyond the edge of the picture if the face does.
+    pub fn box_px(&self) -> [f32; 4] {
+        let [[left, top], [right, bottom]] = bounds(self.landmarks.0.iter().map(|[x, y, _]| [*x, *y]));
+        [left, top, right, bottom]
+    }
 }
 
 /// A face with the identifier 0, whose values are all 0, which does not turn and of which nothing is covered: a program fills it
@@ -64,11 +71,17 @@ impl Default for Face {
 }
 
 /// Follows faces from picture to picture.
+///
+/// With [`Options::max_faces`] above 1, a face that is new in the picture begins with a history of its own, unless it looks
+/// like one that has left: then its neutral face and its profile come back. Who has been away longest is forgotten when memory
+/// for another face is needed. With one face, all history is that of the wearer, and a stranger who stays is noticed within
+/// some seconds, as by the service.
 pub struct FaceTracker {
     detector: Detector,
     seats: Vec<Seat>,
-    /// Memory for the regions of the faces that are followed.
-    regions: Vec<FaceBox>,
+    /// One for each seat. The first one has the profile.
+    people: Vec<Person>,
+    profile: Profile,
     horizontal_fov_deg: f32,
     is_for_stills: bool,
     pictures_since_search: u32,
@@ -78,13 +91,21 @@ pub struct FaceTracker {
 /// A face that is followed, or the memory for one.
 struct Seat {
     mesh: Mesh,
-    solver: Solver,
     /// Where the face is expected in the next picture; `None` while no face is followed.
     region: Option<FaceBox>,
-    /// Where a face was seen last.
-    last: Option<FaceBox>,
     is_seen: bool,
+    /// Whether nobody knows yet whose face it is.
+    is_new: bool,
     face: Face,
+    /// Whose face it is: a place in [`FaceTracker::people`], which no other seat has.
+    person: usize,
+}
+
+/// What is known of a person, who may have left the picture.
+struct Person {
+    solver: Solver,
+    wearer: Wearer,
+    seen_us: u64,
 }
 
 impl FaceTracker {
@@ -94,53 +115,59 @@ impl FaceTracker {
     }
 
     pub(crate) fn load(options: &Options, engine: &dyn Engine, model: Model) -> Result<Self, Error> {
-        let seat = |model| -> Result<Seat, InferError> {
-            let mut solver = Solver::new(model, options.profile.clone(), options.shaping.clone());
-            solver.neutral_mode = options.neutral;
-            Ok(Seat {
-                mesh: Mesh::load(engine)?,
-                solver,
-                region: None,
-                last: None,
-                is_seen: false,
-                face: Face::default(),
-            })
+        let seat = |person| -> Result<Seat, InferError> {
+            let mesh = Mesh::load(engine)?;
+            Ok(Seat { mesh, region: None, is_seen: false, is_new: false, face: Face::default(), person })
         };
-        Ok(Self {
+        let person = |model| {
+            let mut solver = Solver::new(model, Profile::default(), options.shaping.clone());
+            solver.neutral_mode = options.neutral;
+            Person { solver, wearer: Wearer::default(), seen_us: 0 }
+        };
+        let mut tracker = Self {
             detector: Detector::load(engine)?,
-            seats: iter::repeat_n(model, options.max_faces).map(seat).collect::<Result<_, _>>()?,
-            regions: Vec::with_capacity(options.max_faces),
+            seats: (0..options.max_faces).map(seat).collect::<Result<_, _>>()?,
+            people: iter::repeat_n(model, options.max_faces).map(person).collect(),
+            profile: options.profile.clone(),
             horizontal_fov_deg: options.horizontal_fov_deg,
             is_for_stills: options.stills,
             pictures_since_search: 0,
             found: 0,
-        })
+        };
+        tracker.reset();
+        Ok(tracker)
     }
 
     /// Returns the face in a picture that was taken at `time` since any moment that stays the same. If several faces are
     /// followed, this is the one that has been followed longest. Does not allocate, except with [`Options::for_stills`].
     ///
-    /// A time before the last one begins anew: the filters forget the past. A picture is an error if its fields were changed to
-    /// what does not fit its samples.
+    /// A time before the last one begins anew: the filters forget the past.
     pub fn process(&mut self, picture: &Picture, time: Duration) -> Result<Option<&Face>, Error> {
         Ok(self.process_all(picture, time)?.min_by_key(|face| face.id))
     }
 
     /// Returns all faces in a picture, like [`FaceTracker::process`].
     pub fn process_all(&mut self, picture: &Picture, time: Duration) -> Result<impl Iterator<Item = &Face>, Error> {
-        check(picture)?;
         if self.is_for_stills {
             self.reset();
         }
         self.seats.iter_mut().for_each(|seat| seat.is_seen = false);
-        #[expect(clippy::cast_precision_loss, reason = "a side is at most 4096 px long")]
-        let camera = Camera::new([picture.width, picture.height].map(|side| side as f32), self.horizontal_fov_deg);
+        let camera = Camera::new(picture.size_px(), self.horizontal_fov_deg);
+        let camera = if picture.rotation().is_sideways() { camera.on_its_side() } else { camera };
         let time_us = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
         self.search(picture)?;
         for seat in &mut self.seats {
-            seat.follow(picture, &camera, time_us)?;
+            seat.find(picture)?;
         }
         self.leave_doubles();
+        if self.seats.len() > 1 {
+            self.recognise(time_us);
+        }
+        for seat in &mut self.seats {
+            if let Some(person) = self.people.get_mut(seat.person) {
+                seat.solve(person, &camera, time_us);
+            }
+        }
         Ok(self.faces())
     }
 
@@ -149,46 +176,57 @@ impl FaceTracker {
         self.seats.iter().filter(|seat| seat.is_seen).map(|seat| &seat.face)
     }
 
-    /// Forgets all faces and what was learned of them. The options remain.
+    /// Forgets all faces, what was learned of them and their profiles, but that of the first face. The options remain.
     pub fn reset(&mut self) {
         self.pictures_since_search = 0;
         for seat in &mut self.seats {
-            let Solver { model, profile, shaping, neutral_mode, .. } = &seat.solver;
-            let mode = *neutral_mode;
-            seat.solver = Solver::new(model.clone(), profile.clone(), shaping.clone());
-            seat.solver.neutral_mode = mode;
-            (seat.region, seat.last, seat.is_seen) = (None, None, false);
+            (seat.region, seat.is_seen) = (None, false);
+        }
+        self.people.iter_mut().for_each(Person::forget);
+        if let Some(first) = self.people.first_mut() {
+            first.solver.profile = self.profile.clone();
         }
     }
 
-    /// Replaces the profile of all faces. The coefficients do not jump.
+    /// Replaces the profile of the first face, as [`Options::profile`] gives it. Its coefficients do not jump.
     pub fn set_profile(&mut self, profile: &Profile) {
-        self.seats.iter_mut().for_each(|seat| seat.solver.set_profile(profile.clone()));
+        self.profile = profile.clone();
+        if let Some(first) = self.people.first_mut() {
+            first.solver.set_profile(profile.clone());
+        }
     }
 
-    /// Sets whether the neutral face is estimated.
+    /// Replaces the profile of the person whose face has this [`id`](Face::id), until that person is forgotten. The
+    /// coefficients do not jump. Returns whether there is such a face in the last picture.
+    #[must_use = "the face may have left the picture"]
+    pub fn set_profile_of(&mut self, id: u64, profile: &Profile) -> bool {
+        let seat = self.seats.iter().find(|seat| seat.is_seen && seat.face.id == id);
+        let person = seat.and_then(|seat| self.people.get_mut(seat.person));
+        person.map(|person| person.solver.set_profile(profile.clone())).is_some()
+    }
+
+    /// Sets whether the neutral faces are estimated.
     pub fn set_neutral_mode(&mut self, mode: NeutralMode) {
-        self.seats.iter_mut().for_each(|seat| seat.solver.neutral_mode = mode);
+        self.people.iter_mut().for_each(|person| person.solver.neutral_mode = mode);
     }
 
     /// Finds faces for seats that are free: in each picture while there is no face, else now and then.
     fn search(&mut self, picture: &Picture) -> Result<(), InferError> {
-        self.regions.clear();
-        self.regions.extend(self.seats.iter().filter_map(|seat| seat.region));
         self.pictures_since_search = self.pictures_since_search.saturating_add(1);
-        if !self.regions.is_empty() && self.pictures_since_search < SEARCH_EVERY {
+        let followed = self.seats.iter().filter(|seat| seat.region.is_some()).count();
+        if followed == self.seats.len() || (followed > 0 && self.pictures_since_search < SEARCH_EVERY) {
             return Ok(());
         }
         self.pictures_since_search = 0;
-        while self.regions.len() < self.seats.len()
-            && let Some(region) = self.detector.find(picture, &self.regions)?
-        {
-            self.regions.push(region);
-            let free = self.seats.iter_mut().filter(|seat| seat.region.is_none());
-            if let Some(seat) = free.min_by(|one, other| one.distance(&region).total_cmp(&other.distance(&region))) {
+        for region in self.detector.find_all(picture)? {
+            let is_followed = |seat: &Seat| seat.region.is_some_and(|known| known.is_same(&region));
+            if self.seats.iter().any(is_followed) {
+                continue;
+            }
+            if let Some(seat) = self.seats.iter_mut().find(|seat| seat.region.is_none()) {
                 self.found += 1;
                 seat.face.id = self.found;
-                seat.region = Some(region);
+                (seat.region, seat.is_new) = (Some(region), true);
             }
         }
         Ok(())
@@ -202,47 +240,151 @@ impl FaceTracker {
             for other in before {
                 if seat.region.zip(other.region).is_some_and(|(one, other)| one.is_same(&other)) {
                     let younger = if seat.face.id > other.face.id { &mut *seat } else { other };
-                    (younger.region, younger.is_seen) = (None, false);
+                    younger.region = None;
                 }
             }
         }
     }
+
+    /// Finds out whose the new faces are.
+    fn recognise(&mut self, time_us: u64) {
+        for index in 0..self.seats.len() {
+            let Some(seat) = self.seats.get(index).filter(|seat| seat.is_new) else { continue };
+            let Some(region) = seat.region else { continue };
+            let before = seat.person;
+            let known = self.person_like(&seat.mesh.face(), &region, time_us);
+            let chosen = known.or_else(|| self.stranger()).unwrap_or(before);
+            if let Some(person) = self.people.get_mut(chosen).filter(|_| known.is_none()) {
+                person.begin(time_us);
+            }
+            for seat in self.seats.iter_mut().filter(|seat| seat.person == chosen) {
+                seat.person = before;
+            }
+            if let Some(seat) = self.seats.get_mut(index) {
+                (seat.person, seat.is_new) = (chosen, false);
+            }
+        }
+    }
+
+    /// Those whose faces are not in the picture, as far as is known.
+    fn away(&self) -> impl Iterator<Item = (usize, &Person)> {
+        let is_here = |seat: &Seat| seat.region.is_some() && !seat.is_new;
+        let is_away = move |person: usize| !self.seats.iter().any(|seat| seat.person == person && is_here(seat));
+        self.people.iter().enumerate().filter(move |(place, _)| is_away(*place))
+    }
+
+    /// Who has come back with this face, if somebody has.
+    fn person_like(&self, face: &facewire_face::Face, region: &FaceBox, time_us: u64) -> Option<usize> {
+        let strangeness = |person: &Person| person.wearer.strangeness(face, region, person.away_s(time_us));
+        let all = self.away().filter_map(|(place, person)| Some((place, strangeness(person)?)));
+        let most_alike = all.min_by(|(_, one), (_, other)| one.total_cmp(other));
+        most_alike.filter(|(_, strangeness)| *strangeness <= 1.0).map(|(place, _)| place)
+    }
+
+    /// The place of a person who is new: one that is free, or that of who has been away longest. The first one is given up
+    /// last, because of its profile.
+    fn stranger(&self) -> Option<usize> {
+        let rank =
+            |(place, person): &(usize, &Person)| person.wearer.is_known().then_some((*place == 0, person.seen_us));
+        self.away().min_by_key(rank).map(|(place, _)| place)
+    }
 }
 
-/// Checks again what [`Picture::new`] has checked, because fields can be changed.
-fn check(picture: &Picture) -> Result<(), Error> {
-    let Picture { width, height, pixels, full_range, .. } = *picture;
-    match Picture::new(width, height, pixels, full_range) {
-        Some(_) => Ok(()),
-        None => Err(Error::Picture(format!(
-            "the picture of {width} x {height} pixels is not complete: its fields were changed to what does not fit its \
-             samples; make it by Picture::new"
-        ))),
+impl Person {
+    /// Forgets a person and their profile.
+    fn forget(&mut self) {
+        self.solver.forget();
+        self.solver.profile = Profile::default();
+        self.wearer.forget();
+    }
+
+    /// Begins with a face of which nothing is known. A profile that nobody has had yet is that of this face.
+    fn begin(&mut self, time_us: u64) {
+        if self.wearer.is_known() {
+            self.forget();
+        } else {
+            self.solver.forget();
+            self.wearer.forget();
+        }
+        self.seen_us = time_us;
+    }
+
+    /// How long the person has not been seen.
+    fn away_s(&self, time_us: u64) -> f32 {
+        #[expect(clippy::cast_precision_loss, reason = "a time in seconds")]
+        let away_us = time_us.saturating_sub(self.seen_us) as f32;
+        away_us / 1e6
+    }
+
+    /// Remembers how the face looks and where it is.
+    fn remember(&mut self, face: &facewire_face::Face, region: &FaceBox, time_us: u64) {
+        self.wearer.learn_from(face, region, self.away_s(time_us));
+        self.seen_us = time_us;
     }
 }
 
 impl Seat {
-    /// The square of how far a region is from where this seat last saw a face. A seat that saw none is farther than all others.
-    fn distance(&self, region: &FaceBox) -> f32 {
-        let away =
-            |last: FaceBox| (last.centre[0] - region.centre[0]).powi(2) + (last.centre[1] - region.centre[1]).powi(2);
-        self.last.map_or(f32::INFINITY, away)
-    }
-
-    /// Finds and solves the face, if there is one in the region. Landmarks that cannot be solved are no face.
-    fn follow(&mut self, picture: &Picture, camera: &Camera, time_us: u64) -> Result<(), InferError> {
+    /// Finds the face, if there is one in the region.
+    fn find(&mut self, picture: &Picture) -> Result<(), InferError> {
         // If a network fails, the landmarks are half written: there is no face then.
         let Some(region) = self.region.take() else { return Ok(()) };
-        let Some(next) = self.mesh.find(picture, &region)?.and_then(FaceBox::following) else { return Ok(()) };
-        let Ok(solution) = self.solver.solve(self.mesh.face(), camera, time_us) else { return Ok(()) };
-        (self.region, self.last, self.is_seen) = (Some(next), Some(next), true);
-        self.face.landmarks.0 = self.mesh.face().landmarks.0;
+        self.region = self.mesh.find(picture, &region)?.and_then(FaceBox::following);
+        Ok(())
+    }
+
+    /// Solves the face that was found. Landmarks that cannot be solved are no face.
+    fn solve(&mut self, person: &mut Person, camera: &Camera, time_us: u64) {
+        let Some(region) = self.region.take() else { return };
+        let seen = self.mesh.face();
+        let Ok(solution) = person.solver.solve(seen, camera, time_us) else { return };
+        person.remember(&seen, &region, time_us);
+        (self.region, self.is_seen) = (Some(region), true);
+        self.face.landmarks.0 = seen.landmarks.0;
         self.face.coefficients = solution.smoothed.0;
         self.face.head = solution.head;
         self.face.gaze = Gaze::of(&Coefficients(solution.smoothed.0));
         self.face.neutral = solution.neutral_face;
         self.face.visibility = solution.visibility;
-        self.face.score = self.mesh.face().appearance.map_or(0.0, |seen| seen.score);
-        Ok(())
+        self.face.score = seen.appearance.map_or(0.0, |seen| seen.score);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+    use facewire_face::testing::{Scripted, face, show};
+
+    use super::*;
+    use crate::Format;
+
+    #[test]
+    fn detector_runs_once_for_a_picture_with_several_new_faces_and_not_while_all_are_followed() {
+        let runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&runs);
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [110.0, 70.0]));
+            if let ("detector", [boxes, scores]) = (run.network, &mut *run.outputs) {
+                counted.fetch_add(1, Relaxed);
+                // Small faces at three anchors of the middle row.
+                scores.fill(-10.0);
+                for anchor in [2, 8, 14].map(|column| (8 * 16 + column) * 2) {
+                    scores[anchor] = 10.0;
+                    boxes[16 * anchor..][2..8].copy_from_slice(&[16.0, 16.0, -4.0, -2.0, 4.0, -2.0]);
+                }
+            }
+            Ok(())
+        });
+        let options = Options::default().max_faces(3);
+        let mut tracker = FaceTracker::load(&options, &engine, Model::embedded()).unwrap();
+        let samples = vec![128; 640 * 640];
+        let picture = Format::Grey.picture(&samples, [640; 2]).unwrap();
+        for _ in 0..30 {
+            tracker.search(&picture).unwrap();
+            assert_eq!(tracker.seats.iter().filter(|seat| seat.region.is_some()).count(), 3);
+        }
+        assert_eq!(runs.load(Relaxed), 1);
     }
 }

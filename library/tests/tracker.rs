@@ -16,8 +16,8 @@ use facewire::config::Settings;
 use facewire::pipeline::{Pipeline, shaping};
 use facewire_face::stages::NetworkFolder;
 use facewire_library::{
-    BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralMode, Options, Picture, Pixels, Profile,
-    default_shaping, neutral_of, read_profile,
+    BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralFace, NeutralMode, Options, Picture, Pixels,
+    Profile, default_shaping, neutral_of, read_profile,
 };
 use films::films;
 
@@ -50,7 +50,7 @@ fn faces(
 
 /// The picture in red, green and blue, by the definition of BT.601, with the bytes of a pixel in this order.
 fn coloured(picture: &Picture, order: &[usize]) -> Vec<u8> {
-    let Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: [1, 0] } = picture.pixels else { panic!() };
+    let Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: [1, 0] } = picture.pixels() else { panic!() };
     let places = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [y * strides[0] + x, y * strides[1] + x / 2]));
     let pixel = |[at, chroma]: [usize; 2]| {
         let [y, cb, cr] = [f32::from(luma[at]), f32::from(cb[chroma]) - 128.0, f32::from(cr[chroma]) - 128.0];
@@ -98,12 +98,8 @@ fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
 
 /// The picture with something dark over the upper half of this face, as a headset is.
 fn covered(picture: &Picture, face: &Face) -> Vec<u8> {
-    let Pixels::Planar { planes, strides, chroma_shift: [1, 0] } = picture.pixels else { panic!() };
-    let ends = |axis: usize| {
-        let places = face.landmarks.0.map(|point| point[axis]);
-        [places.iter().copied().fold(f32::INFINITY, f32::min).max(0.0), places.iter().copied().fold(0.0, f32::max)]
-    };
-    let [[left, right], [top, bottom]] = [0, 1].map(ends);
+    let Pixels::Planar { planes, strides, chroma_shift: [1, 0] } = picture.pixels() else { panic!() };
+    let [left, top, right, bottom] = face.box_px();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "places in a picture")]
     let [left, right, top, bottom] = [left, right, top, top + 0.55 * (bottom - top)].map(|place| place as usize);
     let strides = [strides[0], strides[1], strides[1]];
@@ -132,6 +128,16 @@ fn a_face_in_view_scores_17_to_30_and_one_whose_upper_half_is_covered_less_than_
     assert!(clear.iter().all(|score| (17.0..30.0).contains(score)), "{clear:?}");
     doubtful.sort_by(f32::total_cmp);
     assert!(doubtful.len() > 20 && doubtful[0] >= 0.0 && doubtful[doubtful.len() / 2] < 15.0, "{doubtful:?}");
+}
+
+#[test]
+fn the_box_of_a_face_is_the_smallest_around_its_landmarks() {
+    let face = faces(FaceTracker::new().unwrap(), 1, grey, Format::Grey).remove(0);
+    let [left, top, right, bottom] = face.box_px();
+    let all = || face.landmarks.0.iter();
+    assert!(all().all(|[x, y, _]| (left..=right).contains(x) && (top..=bottom).contains(y)));
+    assert!([left, right].iter().all(|side| all().any(|[x, ..]| x == side)), "{left} {right}");
+    assert!([top, bottom].iter().all(|side| all().any(|[_, y, _]| y == side)), "{top} {bottom}");
 }
 
 #[test]
@@ -202,7 +208,7 @@ fn follow(max_faces: usize, samples: impl Fn(usize) -> Vec<u8>) -> Vec<Vec<Face>
 }
 
 fn grey(picture: &Picture) -> Vec<u8> {
-    let Pixels::Planar { planes: [luma, ..], strides: [640, _], .. } = picture.pixels else { panic!() };
+    let Pixels::Planar { planes: [luma, ..], strides: [640, _], .. } = picture.pixels() else { panic!() };
     luma[..SIZE[0] * SIZE[1]].to_vec()
 }
 
@@ -236,6 +242,72 @@ fn each_of_two_faces_has_an_identity_and_a_history_and_reads_like_the_same_face_
     }
 }
 
+/// The face of another person: darker, and so many times as wide.
+fn stranger(samples: &[u8], width: f32) -> Vec<u8> {
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates"
+    )]
+    let place = |x: usize| ((x as f32 - 320.0) / width + 320.0) as usize;
+    let widened = |row: &[u8]| (0..SIZE[0]).map(|x| row[place(x).min(SIZE[0] - 1)] / 3 * 2).collect::<Vec<_>>();
+    samples.chunks(SIZE[0]).flat_map(widened).collect()
+}
+
+/// The only face in a picture that was taken at this time.
+fn only_face(tracker: &mut FaceTracker, samples: &[u8], number: u64) -> Option<Face> {
+    let picture = Format::Grey.picture(samples, SIZE).unwrap();
+    tracker.process(&picture, Duration::from_millis(100 * number)).unwrap().cloned()
+}
+
+#[test]
+fn of_several_faces_a_stranger_begins_anew_and_who_comes_back_has_the_neutral_face_of_before() {
+    let mut clip = Vec::new();
+    play(20, |picture, _| clip.push(grey(picture)));
+    let [mut tracker, mut fresh] = [(); 2].map(|()| Options::default().max_faces(2).open().unwrap());
+    let nobody = vec![128; SIZE[0] * SIZE[1]];
+    let at_rest: Vec<_> = (0..100).map(|time| only_face(&mut tracker, &clip[0], time).unwrap().neutral).collect();
+    assert_eq!((at_rest[0], at_rest[99]), (NeutralFace::Mean, NeutralFace::Estimated));
+    // Two strangers, one after the other, for whom there is memory of one.
+    for (began, width) in [(100, 1.3), (200, 0.75)] {
+        assert!(only_face(&mut tracker, &nobody, began).is_none());
+        fresh.reset();
+        for (samples, time) in clip.iter().zip(began + 1..) {
+            let samples = stranger(samples, width);
+            let [face, wanted] = [&mut tracker, &mut fresh].map(|tracker| only_face(tracker, &samples, time).unwrap());
+            assert!(with_id(face, &wanted) == wanted, "at {time}");
+        }
+    }
+    assert!(only_face(&mut tracker, &nobody, 300).is_none());
+    assert_eq!(only_face(&mut tracker, &clip[0], 301).unwrap().neutral, NeutralFace::Estimated);
+}
+
+#[test]
+fn the_profile_is_that_of_the_first_face_alone_and_another_one_can_be_given_to_each() {
+    let mut clip = Vec::new();
+    play(60, |picture, _| clip.push(grey(picture)));
+    let pictures: Vec<_> = clip.iter().map(|samples| pair(samples, &stranger(samples, 1.3))).collect();
+    let profile = Profile::from(neutral_of(&follow(1, |_| pictures[0].clone())[9]).unwrap());
+    let mut tracker = Options::default().max_faces(2).profile(profile.clone()).open().unwrap();
+    let show = |tracker: &mut FaceTracker, samples: &[u8], number: usize| {
+        let picture = Format::Grey.picture(samples, [2 * SIZE[0], SIZE[1]]).unwrap();
+        let found = tracker.process_all(&picture, Duration::from_millis(33 * number as u64)).unwrap();
+        let mut found: Vec<_> = found.map(|face| (face.id, face.neutral)).collect();
+        found.sort_by_key(|(id, _)| *id);
+        found
+    };
+    let (calibrated, mean) = (NeutralFace::Calibrated, NeutralFace::Mean);
+    assert_eq!(show(&mut tracker, &pictures[0], 0), [(1, calibrated), (2, mean)]);
+    assert!(tracker.set_profile_of(2, &profile) && !tracker.set_profile_of(3, &profile));
+    assert!(tracker.set_profile_of(1, &Profile::default()));
+    assert_eq!(show(&mut tracker, &pictures[1], 1), [(1, mean), (2, calibrated)]);
+    tracker.set_profile(&profile);
+    assert_eq!(show(&mut tracker, &pictures[2], 2), [(1, calibrated), (2, calibrated)]);
+    tracker.reset();
+    assert_eq!(show(&mut tracker, &pictures[3], 3), [(3, calibrated), (4, mean)]);
+}
+
 #[test]
 fn a_face_that_has_left_is_gone_while_the_other_stays() {
     let mut tracker = Options::default().max_faces(2).open().unwrap();
@@ -248,83 +320,6 @@ fn a_face_that_has_left_is_gone_while_the_other_stays() {
         let both = count(&pair(&face, &face));
         let left = count(&pair(&face, &nobody));
         assert!(both.len() == 2 && left.len() == 1 && both.contains(&left[0]), "{both:?} {left:?}");
-    });
-}
-
-/// Every way to make this picture wrong by its fields, after it was checked.
-fn spoilt<'a>(whole: &Picture<'a>) -> Vec<Picture<'a>> {
-    let mut all = Vec::new();
-    for [width, height] in [[0, 480], [640, 0], [641, 480], [640, 481], [4097, 480], [640, 4097], [usize::MAX; 2]] {
-        all.push(Picture { width, height, ..*whole });
-    }
-    let mut add = |pixels: Vec<Pixels<'a>>| all.extend(pixels.into_iter().map(|pixels| Picture { pixels, ..*whole }));
-    let strides = |whole: usize| [0, 1, whole - 1, whole + 1, usize::MAX];
-    let short = |plane: &'a [u8]| [&plane[..0], &plane[..1], &plane[..plane.len() - 1]];
-    match whole.pixels {
-        Pixels::Yuyv { data, stride } => {
-            add(strides(stride).map(|stride| Pixels::Yuyv { data, stride }).into());
-            add(short(data).map(|data| Pixels::Yuyv { data, stride }).into());
-        }
-        Pixels::Grey { data, stride } => {
-            add(strides(stride).map(|stride| Pixels::Grey { data, stride }).into());
-            add(short(data).map(|data| Pixels::Grey { data, stride }).into());
-        }
-        Pixels::Packed { data, stride, step, rgb } => {
-            add(strides(stride).map(|stride| Pixels::Packed { data, stride, step, rgb }).into());
-            add(short(data).map(|data| Pixels::Packed { data, stride, step, rgb }).into());
-            add([0, 1, step + 1, usize::MAX].map(|step| Pixels::Packed { data, stride, step, rgb }).into());
-            add([[step, 0, 1], [0, 1, usize::MAX]].map(|rgb| Pixels::Packed { data, stride, step, rgb }).into());
-        }
-        Pixels::Nv12 { luma, chroma, stride } => {
-            add(strides(stride).map(|stride| Pixels::Nv12 { luma, chroma, stride }).into());
-            add(short(luma).map(|luma| Pixels::Nv12 { luma, chroma, stride }).into());
-            add(short(chroma).map(|chroma| Pixels::Nv12 { luma, chroma, stride }).into());
-        }
-        Pixels::Planar { planes, strides: both, chroma_shift } => {
-            for at in 0..3 {
-                for plane in short(planes[at]) {
-                    let mut planes = planes;
-                    planes[at] = plane;
-                    add(vec![Pixels::Planar { planes, strides: both, chroma_shift }]);
-                }
-            }
-            for at in 0..2 {
-                for stride in strides(both[at]) {
-                    let mut both = both;
-                    both[at] = stride;
-                    add(vec![Pixels::Planar { planes, strides: both, chroma_shift }]);
-                }
-            }
-            let shifts = [[3, 0], [0, 3], [64, 64], [255, 255]];
-            add(shifts.map(|chroma_shift| Pixels::Planar { planes, strides: both, chroma_shift }).into());
-        }
-    }
-    all
-}
-
-#[test]
-fn a_picture_whose_fields_were_changed_to_what_does_not_fit_is_an_error_and_never_a_panic() {
-    let mut tracker = FaceTracker::new().unwrap();
-    play(1, |picture, time| {
-        let luma = grey(picture);
-        for format in Format::ALL {
-            let mut samples = vec![128; format.row_bytes(SIZE[0]) * SIZE[1] * 3];
-            samples[..luma.len()].copy_from_slice(&luma);
-            let length = (1..=samples.len()).rev();
-            let fits = |length: &usize| format.picture(&samples[..*length], SIZE).is_ok();
-            let least = length.take_while(fits).last().unwrap();
-            let whole = format.picture(&samples[..least], SIZE).unwrap();
-            for wrong in spoilt(&whole) {
-                // While a face is followed, the networks look at its region alone.
-                assert!(tracker.process(picture, time).unwrap().is_some());
-                let found = tracker.process(&wrong, time).map(|face| face.is_some());
-                let [width, height, length] = [wrong.width, wrong.height, least];
-                assert!(
-                    matches!(&found, Err(Error::Picture(message)) if message.contains("not complete")),
-                    "{format:?} of {width} x {height}, {length} bytes: {found:?}"
-                );
-            }
-        }
     });
 }
 
@@ -353,7 +348,8 @@ fn with_id(mut face: Face, of: &Face) -> Face {
 fn the_profile_of_a_calibration_is_read_as_the_service_reads_it_and_another_file_is_refused() {
     let seen = faces(FaceTracker::new().unwrap(), 10, grey, Format::Grey);
     let neutral: Neutral = neutral_of(&seen).unwrap();
-    let profile = Profile { neutral: Some(neutral), rest: [-0.05; 52], gain: [1.25; 52] };
+    let mut profile = Profile::from(neutral);
+    (profile.rest, profile.gain) = ([-0.05; 52], [1.25; 52]);
     let file = ProfileFile { profile, model: Some(7), takes: Vec::new(), made_at_unix_s: 7 };
     let (folder, text) = (tempfile::tempdir().unwrap(), file.text());
     let path = folder.path().join("anna.toml");
@@ -368,6 +364,25 @@ fn the_profile_of_a_calibration_is_read_as_the_service_reads_it_and_another_file
         assert!(matches!(read_profile(&path), Err(Error::File(message)) if message.contains("anna.toml")));
     }
     assert!(matches!(neutral_of(&[]), Err(Error::Neutral(_))));
+}
+
+#[test]
+fn a_new_neutral_face_does_not_move_the_gaze_of_a_still_face() {
+    play(1, |picture, _| {
+        let mut tracker = Options::default().neutral(NeutralMode::Off).open().unwrap();
+        let show = |tracker: &mut FaceTracker, tenths_s: u64| {
+            tracker.process(picture, Duration::from_millis(100 * tenths_s)).unwrap().unwrap().clone()
+        };
+        let before: Vec<_> = (0..100).map(|time| show(&mut tracker, time)).collect();
+        tracker.set_profile(&neutral_of(&before[80..]).unwrap().into());
+        let was_deg = before[99].gaze.yaw_pitch_deg;
+        for time in 100..300 {
+            let face = show(&mut tracker, time);
+            assert_eq!(face.neutral, NeutralFace::Calibrated);
+            let moved_deg = [0, 1].map(|axis| (face.gaze.yaw_pitch_deg[axis] - was_deg[axis]).abs());
+            assert!(moved_deg.iter().all(|deg| *deg < 0.3), "{moved_deg:?} after {} tenths of a second", time - 99);
+        }
+    });
 }
 
 #[test]

@@ -271,8 +271,8 @@ def network(eye):
     return writer.content(source, writer.add(CONVOLUTION, [x], (1, VALUES), side, arrays=last))
 
 
-def table(gaze):
-    """Returns the text of the layer's table."""
+def table(gaze, content):
+    """Returns the text of the layer's table, with the checksum that the file of the network contains."""
     weights = gaze.sums.weight.detach().numpy().T.copy()
     offsets = gaze.sums.bias.detach().numpy().copy()
     weights[:len(INPUTS)] /= gaze.deviation.numpy()[:, None]
@@ -282,7 +282,8 @@ def table(gaze):
     text = lambda number: np.format_float_positional(number, 3, unique=False, fractional=False, trim="0")
     row = lambda numbers: "[" + ", ".join(text(number) if abs(number) >= 1e-4 else "0.0" for number in numbers) + "]"
     rows = lambda array: "[" + ", ".join(map(row, array)) + "]"
-    lines = ["[eyes]", f"offsets = {row(offsets)}", f"outputs = {rows(outputs)}",
+    checksum, = struct.unpack_from("<I", content, 12)
+    lines = ["[eyes]", f"network = {checksum}", f"offsets = {row(offsets)}", f"outputs = {rows(outputs)}",
              f"values = {rows(weights[len(INPUTS):])}", "", "[eyes.inputs]"]
     return "\n".join(lines + [f"{name} = {row(own)}" for name, own in zip(INPUTS, weights)]) + "\n"
 
@@ -299,9 +300,10 @@ def main():
     faces = Faces(arguments.archives)
     gaze = train(faces, arguments.epochs)
     judge(gaze, faces)
-    arguments.network.write_bytes(network(gaze.eye))
+    content = network(gaze.eye)
+    arguments.network.write_bytes(content)
     others = re.sub(r"\n\[eyes\]\n.*?(?=\n\[(?!eyes)|\Z)", "", text, flags=re.DOTALL)
-    arguments.model.write_text(others.rstrip("\n") + "\n\n" + table(gaze))
+    arguments.model.write_text(others.rstrip("\n") + "\n\n" + table(gaze, content))
 
 
 if __name__ == "__main__":

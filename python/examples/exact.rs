@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             Some(begun) => begun,
             None => {
                 let format = format_of(picture)?;
-                let [width, height] = [picture.width, picture.height];
+                let [width, height] = [picture.width(), picture.height()];
                 write!(create("size")?, "{width} {height} {format}")?;
                 planes.insert((create(&format!("film.{format}"))?, format))
             }
@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn format_of(picture: &Picture) -> Result<&'static str, &'static str> {
-    match picture.pixels {
+    match picture.pixels() {
         Pixels::Planar { chroma_shift: [1, 1], .. } => Ok("i420"),
         Pixels::Planar { chroma_shift: [1, 0], .. } => Ok("i422"),
         Pixels::Planar { chroma_shift: [0, 0], .. } => Ok("i444"),
@@ -74,13 +74,13 @@ fn format_of(picture: &Picture) -> Result<&'static str, &'static str> {
 }
 
 fn write_planes(picture: &Picture, out: &mut impl Write) -> io::Result<()> {
-    let Pixels::Planar { planes, strides: [luma, chroma], chroma_shift: [right, down] } = picture.pixels else {
+    let Pixels::Planar { planes, strides: [luma, chroma], chroma_shift: [right, down] } = picture.pixels() else {
         return Ok(());
     };
     for (plane, stride, size) in [
-        (planes[0], luma, [picture.width, picture.height]),
-        (planes[1], chroma, [picture.width.div_ceil(1 << right), picture.height.div_ceil(1 << down)]),
-        (planes[2], chroma, [picture.width.div_ceil(1 << right), picture.height.div_ceil(1 << down)]),
+        (planes[0], luma, [picture.width(), picture.height()]),
+        (planes[1], chroma, [picture.width().div_ceil(1 << right), picture.height().div_ceil(1 << down)]),
+        (planes[2], chroma, [picture.width().div_ceil(1 << right), picture.height().div_ceil(1 << down)]),
     ] {
         for row in plane.chunks(stride).take(size[1]) {
             out.write_all(row.get(..size[0]).unwrap_or(row))?;

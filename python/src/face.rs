@@ -162,6 +162,12 @@ impl Face {
         self.found.score
     }
 
+    /// The smallest upright rectangle around the landmarks, in pixels of the picture: left, top, right and bottom.
+    #[getter]
+    fn box_px(&self) -> (f32, f32, f32, f32) {
+        self.found.box_px().into()
+    }
+
     fn __getitem__(&self, name: &Bound<'_, PyAny>) -> PyResult<f32> {
         match self.coefficient(name) {
             Some(value) => Ok(value),

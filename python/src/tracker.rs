@@ -2,9 +2,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use facewire_library::{
-    Adjustments, Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile,
-};
+use facewire_library::{Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -20,7 +18,7 @@ use crate::times::Times;
 /// smoothing: whether coefficients and head pose are filtered.
 /// neutral: what is done about the neutral face of a wearer without a profile: "auto" estimates it, "off" takes the mean of
 ///     many people.
-/// profile: a file by `facewire calibrate`.
+/// profile: a file by `facewire calibrate`. With several faces, it is that of the first face that is found.
 /// mirror: whether left and right are swapped in the result.
 /// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.
 /// model, networks: a blendshape model and a folder of networks in place of the built-in ones.
@@ -32,6 +30,7 @@ pub struct FaceTracker {
     state: Mutex<State>,
     begun: Instant,
     is_for_stills: bool,
+    is_for_one: bool,
 }
 
 /// The folder of the networks in the installed package. In the extension module they would stay in memory after loading.
@@ -68,7 +67,7 @@ impl FaceTracker {
     ) -> PyResult<Self> {
         let options = if stills { Options::for_stills() } else { Options::default() };
         let mut shaping = default_shaping();
-        shaping.adjustments = Adjustments { mirror, ..Adjustments::default() };
+        shaping.adjustments.mirror = mirror;
         if stills || !smoothing {
             shaping.filters = Filters::OFF;
         }
@@ -92,6 +91,7 @@ impl FaceTracker {
             state: Mutex::new(State { tracker, memory: Vec::new(), times: Times::default() }),
             begun: Instant::now(),
             is_for_stills: stills,
+            is_for_one: max_faces == 1,
         })
     }
 
@@ -140,10 +140,24 @@ impl FaceTracker {
     }
 
     /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the
-    /// profile.
+    /// profile. With max_faces above 1, the faces are those of one id, which is in the last picture, and nobody else's neutral
+    /// face changes.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
-        self.lock()?.tracker.set_profile(&Profile { neutral: Some(neutral), ..Profile::default() });
+        let profile = Profile::from(neutral);
+        let tracker = &mut self.lock()?.tracker;
+        if self.is_for_one {
+            tracker.set_profile(&profile);
+            return Ok(());
+        }
+        let id = faces.first().map_or(0, |face| face.found.id);
+        if faces.iter().any(|face| face.found.id != id) {
+            return Err(PyValueError::new_err("these faces have different ids; give those of one id"));
+        }
+        if !tracker.set_profile_of(id, &profile) {
+            let message = format!("face {id} is not in the last picture; give faces that have the id of one that is");
+            return Err(PyValueError::new_err(message));
+        }
         Ok(())
     }
 

@@ -249,11 +249,13 @@ class Results(unittest.TestCase):
         self.assertEqual(tracker.process_all(numpy.zeros_like(pair)), [])
         self.assertIsNone(tracker.process(numpy.zeros_like(pair)))
 
-    def test_the_score_tells_a_face_in_view_from_one_whose_upper_half_is_covered(self):
+    def test_the_box_surrounds_the_landmarks_and_the_score_tells_a_face_in_view_from_a_covered_one(self):
         tracker = facewire.FaceTracker(stills=True)
         face = tracker.process(PICTURE)
         self.assertTrue(17 < face.score < 30)
-        top, bottom = face.landmarks[:, 1].min(), face.landmarks[:, 1].max()
+        left, top, right, bottom = face.box_px
+        self.assertEqual((left, top), tuple(face.landmarks[:, :2].min(axis=0)))
+        self.assertEqual((right, bottom), tuple(face.landmarks[:, :2].max(axis=0)))
         covered = PICTURE.copy()
         covered[int(top):int(top + 0.55 * (bottom - top))] = 30
         doubtful = tracker.process(covered)
@@ -267,6 +269,18 @@ class Results(unittest.TestCase):
         self.assertEqual(tracker.process(PICTURE, 1.0).neutral, "calibrated")
         tracker.reset()
         self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+
+    def test_of_several_faces_each_has_its_own_neutral_face(self):
+        tracker = facewire.FaceTracker(max_faces=2)
+        pair = numpy.hstack([PICTURE, bgr(20)])
+        first, second = tracker.process_all(pair, 0.0)
+        with self.assertRaisesRegex(ValueError, "different ids"):
+            tracker.set_neutral([first, second])
+        tracker.set_neutral([second])
+        self.assertEqual([face.neutral for face in tracker.process_all(pair, 0.03)], ["mean", "calibrated"])
+        tracker.reset()
+        with self.assertRaisesRegex(ValueError, "not in the last picture"):
+            tracker.set_neutral([second])
 
     def test_a_film_is_tracked_by_whatever_decoder_there_is(self):
         coefficients = []

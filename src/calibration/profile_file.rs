@@ -95,7 +95,7 @@ impl Table {
             *point = steps.map(|steps| steps as f32 / STEPS);
         }
         let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
-        let mut profile = Profile { neutral: Some(neutral), ..Profile::default() };
+        let mut profile = Profile::from(neutral);
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;
             let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);
@@ -131,7 +131,10 @@ pub(super) mod tests {
     pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
         let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
         let neutral = Some(Neutral::from_points(&face.points).unwrap());
-        let profile = Profile { neutral, rest: [-0.2125; COEFFS], gain: [1.25; COEFFS] };
+        let mut profile = Profile::default();
+        profile.neutral = neutral;
+        profile.rest = [-0.2125; COEFFS];
+        profile.gain = [1.25; COEFFS];
         let takes = vec![Take::Neutral, Take::EyesShut];
         let parsed = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
         // Rounded once, it stays the same.

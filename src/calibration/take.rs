@@ -117,7 +117,7 @@ impl Takes {
 /// of the difference, and is 1 for poses where a gain would make expressions between rest and pose worse.
 pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     let known = takes.neutral.as_ref()?;
-    let mut profile = Profile { neutral: Some(known.neutral.clone()), ..Profile::default() };
+    let mut profile = Profile::from(known.neutral.clone());
     for (rest, (raw, terms)) in profile.rest.iter_mut().zip(known.raw.iter().zip(&model.correction.0)) {
         // A reading below 0 is sent as 0 in any case. Subtracting it would lift the noise of the resting face.
         *rest = terms.rest_of(*raw).clamp(0.0, MAX_REST);

@@ -687,11 +687,11 @@ mod tests {
                 let mut source = open(film).unwrap();
                 let frame = source.next().unwrap().unwrap();
                 let (Pixels::Planar { planes: [data, ..], strides: [stride, _], .. } | Pixels::Grey { data, stride }) =
-                    frame.picture().unwrap().pixels
+                    frame.picture().unwrap().pixels()
                 else {
                     unreachable!()
                 };
-                let height = frame.picture().unwrap().height;
+                let height = frame.picture().unwrap().height();
                 data.chunks(stride).take(height).map(<[u8]>::to_vec).collect::<Vec<_>>()
             };
             let single = rows(&film(&field));

@@ -51,7 +51,7 @@ mod tests {
 
     #[test]
     fn the_looped_clip_repeats_its_240_pictures_while_numbers_and_times_grow() {
-        let luma = |frame: &Frame<'_>| match frame.picture().unwrap().pixels {
+        let luma = |frame: &Frame<'_>| match frame.picture().unwrap().pixels() {
             Pixels::Planar { planes: [luma, ..], .. } => luma.to_vec(),
             _ => panic!("the clip is Motion-JPEG"),
         };

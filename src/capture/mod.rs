@@ -112,7 +112,11 @@ impl<'a> Frame<'a> {
     /// The camera that captured the frame, whose angle of view is that across its rows.
     pub fn camera(&self, horizontal_fov_deg: f32) -> Camera {
         let camera = Camera::new(self.size_px(), horizontal_fov_deg);
-        if self.picture().is_some_and(|picture| picture.rotation.is_sideways()) { camera.on_its_side() } else { camera }
+        if self.picture().is_some_and(|picture| picture.rotation().is_sideways()) {
+            camera.on_its_side()
+        } else {
+            camera
+        }
     }
 }
 

@@ -311,7 +311,7 @@ mod tests {
             writer.write_all(&image[..image.len() / 2]).unwrap();
             let allocated = allocation_counter::measure(|| {
                 let frame = source.next().unwrap().unwrap();
-                numbers.push((frame.number, frame.picture().unwrap().width));
+                numbers.push((frame.number, frame.picture().unwrap().width()));
             });
             assert_eq!(allocated.count_total, 0);
             writer.write_all(&image[image.len() / 2..]).unwrap();

@@ -136,10 +136,9 @@ impl Source for Rehearsal {
         }
         self.sent.count(scene, frame.number, captured_us);
         sleep(added);
-        let Some(&Picture { width, height, pixels: Pixels::Planar { planes: [luma, ..], .. }, .. }) = frame.picture()
-        else {
-            return Ok(Some(frame));
-        };
+        let Some(picture) = frame.picture() else { return Ok(Some(frame)) };
+        let Pixels::Planar { planes: [luma, ..], .. } = picture.pixels() else { return Ok(Some(frame)) };
+        let [width, height] = [picture.width(), picture.height()];
         match scene {
             Scene::NoFace => self.canvas.fill(GREY),
             Scene::Dark => self.canvas.iter_mut().zip(luma).for_each(|(dark, luma)| *dark = luma / DARKNESS),
@@ -301,7 +300,7 @@ mod tests {
         assert!(silent.contains("sent nothing for 1 ms"), "{silent}");
         assert!(matches!(play("damaged", 640).unwrap().next(), Err(CaptureError::Frame { number: 0, .. })));
         let mut faceless = play("no-face", 640).unwrap();
-        let Pixels::Grey { data, .. } = faceless.next().unwrap().unwrap().picture().unwrap().pixels else { panic!() };
+        let Pixels::Grey { data, .. } = faceless.next().unwrap().unwrap().picture().unwrap().pixels() else { panic!() };
         assert!(data.iter().all(|luma| *luma == GREY));
         let rehearsed = |scene| play(scene, 640).unwrap().take_tally().rehearsed.to_string();
         assert_eq!(["slow-4", "live", "hot", "undervoltage"].map(rehearsed), ["none", "none", "hot", "undervoltage"]);

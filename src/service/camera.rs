@@ -48,7 +48,7 @@ impl OpenCamera {
             Ok(Some(mut frame)) => {
                 self.damaged = None;
                 if let Content::Picture(picture) = &mut frame.content {
-                    picture.rotation = self.rotation;
+                    *picture = picture.rotated(self.rotation);
                 }
                 Ok(Some(frame))
             }

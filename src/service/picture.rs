@@ -57,10 +57,10 @@ impl Copier {
     pub(super) fn copy(&self, frame: &Frame, landmarks: Option<&Landmarks>) {
         let Some(picture) = frame.picture() else { return };
         let Ok(mut copy) = self.0.try_recv() else { return };
-        let Picture { width, height, full_range, rotation, .. } = *picture;
+        let [width, height] = [picture.width(), picture.height()];
         copy.size = [width, height];
-        copy.rotation = rotation;
-        copy.full_range = full_range;
+        copy.rotation = picture.rotation();
+        copy.full_range = picture.full_range();
         copy.time_us = frame.captured_us;
         copy.landmarks = landmarks.cloned();
         if most_bytes(width, height) <= copy.bytes.capacity() {
@@ -77,14 +77,14 @@ fn most_bytes(width: usize, height: usize) -> usize {
 
 /// Appends the rows of the picture. Returns their format: planar pictures become NV12, and RGB becomes grey.
 fn write(picture: &Picture, bytes: &mut Vec<u8>) -> PictureFormat {
-    let width = picture.width;
-    let height = picture.height;
+    let width = picture.width();
+    let height = picture.height();
     let [half_width, half_height] = [width, height].map(|side| side.div_ceil(2));
     let mut rows = |plane: &[u8], stride: usize, row_bytes: usize, rows: usize| {
         let rows = plane.chunks(stride).take(rows).filter_map(|row| row.get(..row_bytes));
         rows.for_each(|row| bytes.extend_from_slice(row));
     };
-    match picture.pixels {
+    match picture.pixels() {
         Pixels::Yuyv { data, stride } => {
             rows(data, stride, 4 * half_width, height);
             PictureFormat::Yuyv

@@ -116,7 +116,7 @@ fn grid([min, max]: Box2, [columns, rows]: [usize; 2]) -> impl Iterator<Item = [
 /// Returns the luma of a pixel, and how much it deviates from the line through its neighbours in the row. Returns `None`
 /// outside the picture.
 fn sample(picture: &Picture, point: [f32; 2]) -> Option<[u8; 2]> {
-    let (plane, stride, step) = match picture.pixels {
+    let (plane, stride, step) = match picture.pixels() {
         Pixels::Yuyv { data, stride } => (data, stride, 2),
         Pixels::Nv12 { luma: plane, stride, .. }
         | Pixels::Planar { planes: [plane, ..], strides: [stride, _], .. }
@@ -128,7 +128,7 @@ fn sample(picture: &Picture, point: [f32; 2]) -> Option<[u8; 2]> {
         return None;
     }
     let [x, y] = picture.in_rows(point.map(f32::floor)).map(|at| at as usize);
-    let luma = |x: usize| plane.get(y * stride + x.min(picture.width - 1) * step).copied();
+    let luma = |x: usize| plane.get(y * stride + x.min(picture.width() - 1) * step).copied();
     let [before, here, after] = [luma(x.saturating_sub(1))?, luma(x)?, luma(x + 1)?];
     let roughness = (u16::from(before) + u16::from(after)).abs_diff(2 * u16::from(here));
     Some([here, u8::try_from(roughness).unwrap_or(u8::MAX)])
@@ -159,7 +159,7 @@ impl Samples {
     }
 
     fn light(&self, picture: &Picture) -> Light {
-        let (black, gain) = if picture.full_range { (0.0, 1.0) } else { (VIDEO_BLACK, WHITE / VIDEO_STEPS) };
+        let (black, gain) = if picture.full_range() { (0.0, 1.0) } else { (VIDEO_BLACK, WHITE / VIDEO_STEPS) };
         let count = self.count.max(1) as f32;
         let mean = self.sum as f32 / count;
         let noise = self.median_roughness() / MEDIAN_ROUGHNESS;

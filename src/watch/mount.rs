@@ -25,7 +25,7 @@ impl MountTrial {
         let turn = self.tries % self.sums.len();
         self.tries += 1;
         if let Some((rotation, sum)) = Rotation::ALL.into_iter().zip(&mut self.sums).nth(turn) {
-            *sum += tracker.upright_score(&Picture { rotation, ..*picture })?;
+            *sum += tracker.upright_score(&picture.rotated(rotation))?;
         }
         if self.tries == self.sums.len() && !self.has_seen_a_face() {
             self.tries = 0;

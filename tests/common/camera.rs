@@ -431,7 +431,7 @@ pub fn clip_raw(fourcc: &str, stride: usize, count: usize) -> Vec<Vec<u8>> {
     for _ in 0..count {
         let frame = clip.next().unwrap().unwrap();
         let picture = frame.picture().unwrap();
-        let Pixels::Planar { planes: [luma, u, v], strides: [640, 320], .. } = picture.pixels else {
+        let Pixels::Planar { planes: [luma, u, v], strides: [640, 320], .. } = picture.pixels() else {
             panic!("the clip is 4:2:2 without padding");
         };
         frames.push(raw(fourcc, stride, [luma, u, v]));

@@ -28,7 +28,7 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
     for _ in 0..frames {
         let frame = clip.next().unwrap().unwrap();
         let picture = frame.picture().unwrap();
-        let Pixels::Planar { planes, strides: [640, 320], chroma_shift: [1, 0] } = picture.pixels else {
+        let Pixels::Planar { planes, strides: [640, 320], chroma_shift: [1, 0] } = picture.pixels() else {
             panic!("the clip is 4:2:2 without padding");
         };
         stream.extend_from_slice(b"FRAME\n");

@@ -31,11 +31,11 @@ pub struct Photo {
 impl Photo {
     pub fn of(picture: &Picture) -> Self {
         let Pixels::Planar { planes, strides: [luma_stride, chroma_stride], chroma_shift: [shift_x, shift_y] } =
-            picture.pixels
+            picture.pixels()
         else {
             panic!("a film is planar")
         };
-        let (width, height) = (picture.width, picture.height);
+        let (width, height) = (picture.width(), picture.height());
         let pixel = |plane: usize, x: usize, y: usize| match plane {
             0 => planes[0][y * luma_stride + x],
             plane => planes[plane][(y >> shift_y) * chroma_stride + (x >> shift_x)],
@@ -44,7 +44,7 @@ impl Photo {
             let (black, steps) = if plane == 0 { (16.0, 219.0) } else { (128.0, 224.0) };
             let zero = if plane == 0 { 0.0 } else { 128.0 };
             let full = (f32::from(value) - black) * 255.0 / steps + zero;
-            if picture.full_range { value } else { full.round().clamp(0.0, 255.0) as u8 }
+            if picture.full_range() { value } else { full.round().clamp(0.0, 255.0) as u8 }
         };
         let planes = [0, 1, 2].map(|plane| {
             let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));

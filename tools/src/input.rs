@@ -273,8 +273,8 @@ mod tests {
             let mut source = open_y4m(&stream).unwrap();
             let frame = source.next().unwrap().unwrap();
             let picture = frame.picture().unwrap();
-            assert_eq!(picture.full_range, full_range, "{fields}");
-            match picture.pixels {
+            assert_eq!(picture.full_range(), full_range, "{fields}");
+            match picture.pixels() {
                 Pixels::Planar { planes, chroma_shift, .. } => {
                     assert_eq!((Some(chroma_shift), planes.concat()), (shift, vec![7; bytes]), "{fields}");
                 }

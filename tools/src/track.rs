@@ -225,8 +225,8 @@ impl Track<'_> {
         if frames < range.end {
             say(format_args!("--neutral {}..{}: the input has only {frames} frames", range.start, range.end));
         }
-        let neutral = Some(neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?);
-        self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
+        let neutral = neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?;
+        self.playback.pipeline.solver.profile = Profile::from(neutral);
         read.iter().try_for_each(|face| self.frame(face).map(drop))
     }
 

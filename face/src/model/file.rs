@@ -15,6 +15,11 @@ use super::{
 
 /// The format of model files that this program reads.
 const FORMAT: u32 = 3;
+/// The checksum that the file of the network of the eyes contains (`engine/src/file.rs`).
+const EYES_NETWORK: u32 = match include_bytes!("../../models/eyes.fwnet").split_first_chunk::<12>() {
+    Some((_, &[a, b, c, d, ..])) => u32::from_le_bytes([a, b, c, d]),
+    _ => 0,
+};
 /// The last blendshape. It has no model and stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
 
@@ -71,6 +76,7 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// weights = [120.5, 0.3]
 ///
 /// [eyes]                      # may be missing: the layer from pictures of the eyes to yaw and pitch in degrees
+/// network = 305419896         # may be missing: the checksum in the file of the network of the eyes
 /// inputs = { x468 = [-12.5, 0.1, 3.0] }         # the weights of features for yaw, for pitch and for the 64 hidden units
 /// values = [[0.1, 0.2, 0.3]]  # the same for each value of the right eye, then of the left
 /// offsets = [0.1, -2.0, 0.5]
@@ -153,6 +159,8 @@ impl GazeTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EyesTable {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network: Option<u32>,
     pub offsets: Vec<f64>,
     pub outputs: Vec<[f64; 2]>,
     pub values: Vec<Vec<f64>>,
@@ -161,6 +169,13 @@ pub struct EyesTable {
 
 impl EyesTable {
     fn to_layer(&self) -> Result<EyesLayer, ModelError> {
+        if self.network.is_some_and(|network| network != EYES_NETWORK) {
+            return Err(ModelError::Invalid(
+                "in the model file, the table eyes was trained for another network of the eyes than this program contains: \
+                 use a model and a program of the same version, or train both again with models/eyes/train.py"
+                    .to_owned(),
+            ));
+        }
         let mut weights = Vec::new();
         for own in self.inputs.values().chain(&self.values) {
             weights.extend(row::<EYE_SUMS>("eyes.inputs or eyes.values", own)?);
@@ -496,6 +511,14 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_model_that_does_not_name_its_network_of_the_eyes_is_read_as_before() {
+        let mut file = file();
+        let named = file.to_model().expect("a model");
+        let network = file.eyes.as_mut().and_then(|eyes| eyes.network.take());
+        assert!(network == Some(EYES_NETWORK) && file.to_model().expect("a model") == named);
+    }
+
+    #[test]
     fn faults_name_the_entry_in_one_line() {
         let input = "{ neutral = 0.0, weights = [inf] }";
         let shape = toml::Value::try_from(BlendshapeTable::default()).expect("TOML").to_string();
@@ -522,6 +545,7 @@ pub(super) mod tests {
             ("eyes.inputs", "eyes.inputs.x468", "[1e300]"),
             ("\"x999\" in eyes.inputs", "eyes.inputs.x999", "[]"),
             ("not as many rows as there are values", "eyes.values", "[]"),
+            ("another network of the eyes", "eyes.network", "305419896"),
             ("correction.jawOpen", "correction.jawOpen", &terms("-0.2", "[0.4, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("0.2", "[0.8, 0.8]")),
             ("correction.jawOpen", "correction.jawOpen", &terms("nan", "[0.4, 0.8]")),

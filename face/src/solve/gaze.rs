@@ -104,6 +104,12 @@ impl EyesLayer {
 }
 
 impl Model {
+    /// Returns the turns to the person's left and upwards that the map sees, degrees. They are measured from the mean of many
+    /// people, because another neutral face would shift them at once, and the wearer's offset would follow only slowly.
+    pub(super) fn map_of_gaze(&self, face: &Normalised) -> Option<[f32; 2]> {
+        self.gaze.as_ref().map(|layer| layer.process(&Features::new(face, Reference::MEAN)))
+    }
+
     /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
     pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
         if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {

@@ -93,6 +93,19 @@ impl Default for NeutralEstimate {
 }
 
 impl NeutralEstimate {
+    /// Begins anew. Does not allocate.
+    pub(super) fn reset(&mut self) {
+        let Self { mean, outputs, used, halves, is_fading, forgotten, identity, position } = self;
+        mean.fill(0.0);
+        used.measures.fill(0.0);
+        *outputs = [0.0; COEFFS];
+        *halves = Halves::default();
+        *is_fading = false;
+        *forgotten = 0;
+        *identity = Identity::default();
+        *position = None;
+    }
+
     pub(super) fn reference(&self) -> Reference<'_> {
         let Halves { upper, lower } = self.halves;
         Reference {

@@ -7,6 +7,7 @@ use super::{COEFFS, Coefficients, HeadPose};
 
 /// Changes of the final output, after the filters. The default changes nothing.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Adjustments {
     /// Swaps left and right: the output is the mirror image of the wearer.
     pub mirror: bool,

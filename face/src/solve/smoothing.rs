@@ -51,6 +51,7 @@ impl Group {
 /// The filters of all coefficients and of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs, reason = "the names say it")]
+#[non_exhaustive]
 pub struct Filters {
     /// In the order of [`BLENDSHAPES`].
     pub coefficients: [Filter; COEFFS],

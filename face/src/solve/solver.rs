@@ -99,6 +99,7 @@ pub enum Wears {
 
 /// What is known of the wearer. The default is a wearer of whom nothing is known.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Profile {
     /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
     pub neutral: Option<Neutral>,
@@ -106,6 +107,13 @@ pub struct Profile {
     pub rest: [f32; COEFFS],
     /// The factor that brings the wearer's full expression to the full range; 1 where unknown.
     pub gain: [f32; COEFFS],
+}
+
+/// A wearer of whom the neutral face alone is known.
+impl From<Neutral> for Profile {
+    fn from(neutral: Neutral) -> Self {
+        Self { neutral: Some(neutral), ..Self::default() }
+    }
 }
 
 impl Default for Profile {
@@ -174,7 +182,7 @@ impl Solver {
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let features = Features::new(&face, reference);
-        let turns_deg = self.model.gaze.as_ref().map(|layer| layer.process(&features));
+        let turns_deg = self.model.map_of_gaze(&face);
         let mut raw = self.raw(&face, &features, reference, appearance)?;
         if let Some(Appearance { looks, .. }) = appearance {
             self.model.look(&mut raw, &face, Some(&looks.eyes));
@@ -256,6 +264,14 @@ impl Solver {
         let raw = self.model.solve(face, features, reference)?;
         let residual = self.model.residual(appearance, reference.known.of(half))?;
         Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
+    }
+
+    /// Forgets the wearer and all frames, but not the profile. Does not allocate.
+    pub fn forget(&mut self) {
+        let History { view, estimate, gaze_offset, gaze, away, filters, crossfade, last_us } = &mut self.history;
+        estimate.reset();
+        (*view, *gaze_offset, *gaze, *away) = Default::default();
+        (*filters, *crossfade, *last_us) = Default::default();
     }
 
     /// Replaces the profile. The output does not jump.

@@ -22,8 +22,8 @@ pub(super) struct Planes<'a> {
 
 impl<'a> Planes<'a> {
     pub(super) fn new(picture: &Picture<'a>) -> Self {
-        let last = [picture.width, picture.height].map(|size| i32::try_from(size).unwrap_or(0).max(1) - 1);
-        Self { pixels: picture.pixels, factors: if picture.full_range { &FULL_RANGE } else { &VIDEO_RANGE }, last }
+        let last = [picture.width(), picture.height()].map(|size| i32::try_from(size).unwrap_or(0).max(1) - 1);
+        Self { pixels: picture.pixels(), factors: if picture.full_range() { &FULL_RANGE } else { &VIDEO_RANGE }, last }
     }
 
     pub(super) fn contain(&self, [x, y]: [i32; 2]) -> bool {

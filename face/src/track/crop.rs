@@ -79,7 +79,7 @@ pub fn crop(
     let CropShape { side, border, .. } = shape;
     let mapping = region.mapping();
     let pitch = 1.0 / side as f32;
-    let across = picture.rotation.in_rows(mapping.across, [0.0; 2]);
+    let across = picture.rotation().in_rows(mapping.across, [0.0; 2]);
     let step = across.map(|along| ((along * region.size * pitch * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
     let mut rows = [Row { start: [0; 2], step }; MAX_SIDE];
     for (number, row) in rows.iter_mut().enumerate().take(side) {
@@ -88,7 +88,7 @@ pub fn crop(
         row.start = start.map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND));
     }
     let mut crop = Crop { planes: Planes::new(picture), shape, block };
-    let is_level = border == Border::Black && !picture.rotation.is_sideways();
+    let is_level = border == Border::Black && !picture.rotation().is_sideways();
     let sizes: &[_] = if is_level { &LEVEL_BLOCKS } else { &TILTED_BLOCKS };
     let fitting = sizes.iter().find(|size| Block::holds(**size, step));
     let [columns, height] = fitting.or(sizes.last()).copied().unwrap_or([1, 1]);
@@ -245,14 +245,15 @@ mod tests {
                 let [width, height] = if rotation.is_sideways() { [SIZE[1], SIZE[0]] } else { SIZE };
                 let empty = vec![0; width * height];
                 let pixels = |data| Pixels::Grey { data, stride: width };
-                let turned = Picture { rotation, ..Picture::new(width, height, pixels(&empty), true).expect("whole") };
+                let picture = |data| Picture::new(width, height, pixels(data), true).expect("whole").rotated(rotation);
+                let turned = picture(&empty);
                 assert_eq!(turned.size_px(), SIZE.map(|side| side as f32));
                 let mut data = empty.clone();
                 for at in (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y])) {
                     let [x, y] = turned.in_rows(at.map(|place| place as f32)).map(|place| place as usize);
                     data[y * width + x] = level(at);
                 }
-                samples(&Picture { pixels: pixels(&data), ..turned }, &region, shape, &mut block)
+                samples(&picture(&data), &region, shape, &mut block)
             });
             let [upright, turned @ ..] = &mut seen;
             for turned in turned {

@@ -22,7 +22,7 @@ const SCORE_CLIP: f32 = 100.0;
 /// Boxes with a larger intersection over union than this belong to the same face.
 const SAME_FACE_IOU: f32 = 0.3;
 /// Most faces of a picture that are told apart.
-pub const MOST_FACES: usize = 4;
+pub const MOST_FACES: usize = 16;
 
 static SIGNATURE: Signature = Signature {
     name: "detector",
@@ -43,14 +43,11 @@ impl Detector {
         Ok(Self { network: engine.load(&SIGNATURE)?, block: Block::default() })
     }
 
-    /// Returns the region of interest around the face with the highest score that is not among the `known` ones, or `None`
-    /// if there is no face.
-    pub fn find(&mut self, picture: &Picture, known: &[FaceBox]) -> Result<Option<FaceBox>, InferError> {
+    /// Returns the region of interest around the face with the highest score, or `None` if there is no face.
+    pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         let view = self.run(picture)?;
-        let region = |candidate: &Candidate| candidate.region(&view.mapping());
-        let is_known = |new: &Candidate| known.iter().any(|face| region(new).is_some_and(|new| face.is_same(&new)));
-        let all = candidates(self.network.output(0), self.network.output(1));
-        Ok(strongest(all.filter(|candidate| !is_known(candidate))).and_then(|face| region(&face)))
+        let best = strongest(candidates(self.network.output(0), self.network.output(1)));
+        Ok(best.and_then(|face| face.region(&view.mapping())))
     }
 
     /// Returns the regions of interest around all faces, but the weakest of many, the one with the highest score first.

@@ -30,8 +30,8 @@ pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, Looks, MESH
 pub use mesh::Mesh;
 pub use mouth::{MOUTH_SIDE, MOUTH_VALUES, Mouth, MouthValues};
 pub use visible::{InView, Visible};
-pub use wearer::Follow;
-use wearer::{Verdict, Wearer};
+use wearer::Verdict;
+pub use wearer::{Follow, Wearer};
 
 /// While it is watched whether the wearer appears, one picture in this many is searched. While the wearer is looked for among
 /// others, it is one in the second number.
@@ -116,7 +116,7 @@ impl Tracker {
     /// Searches the picture for a face that stands upright, and returns its [`score`](Appearance::score), or 0 if there is
     /// none. The face that is followed stays as it is.
     pub fn upright_score(&mut self, picture: &Picture) -> Result<f32, InferError> {
-        let Some(detected) = self.detector.find(picture, &[])? else { return Ok(0.0) };
+        let Some(detected) = self.detector.find(picture)? else { return Ok(0.0) };
         // The mesh sees the detector's region tilted and off the middle, so that it doubts the face at first.
         let Some((_, region)) = self.mesh.look(picture, &detected)? else { return Ok(0.0) };
         let seen = self.mesh.look(picture, &region)?;

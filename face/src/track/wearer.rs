@@ -49,6 +49,8 @@ const STEPS_S: [f32; 2] = [1.0 / 30.0, 0.1];
 /// score.
 const MIXED: f32 = 10.0;
 const COVERED: f32 = 0.65;
+/// Smallest score of a face in view.
+const IN_VIEW: f32 = 15.0;
 /// Fastest movement of heads, sizes of the face a second, and their fastest change of size.
 const MOST_SPEED: f32 = 4.0;
 const MOST_ZOOM: f32 = 4.0;
@@ -90,10 +92,9 @@ const MIDDLE: f32 = 2.0;
 
 /// What is known of the face that is followed, and what is in doubt.
 #[derive(Debug, Default)]
-pub(super) struct Wearer {
+pub struct Wearer {
     pub(super) follow: Follow,
     look: Look,
-    known_s: f32,
     score: f32,
     place: Place,
     seat: Place,
@@ -169,6 +170,7 @@ impl Place {
 #[derive(Debug, Default)]
 struct Look {
     skin: [f32; APPEARANCE_CHANNELS],
+    known_s: f32,
     shape: [f32; SHAPE],
     shape_s: f32,
 }
@@ -216,8 +218,9 @@ impl Look {
         }
     }
 
-    fn learn(&mut self, seen: &Seen, known_s: f32, step_s: f32) {
-        approach(&mut self.skin, &seen.skin, share(step_s, known_s.min(LOOK_S)));
+    fn learn(&mut self, seen: &Seen, step_s: f32) {
+        approach(&mut self.skin, &seen.skin, share(step_s, self.known_s.min(LOOK_S)));
+        self.known_s = (self.known_s + step_s).min(SEAT_S);
         if let Some(shape) = &seen.shape {
             approach(&mut self.shape, shape, share(step_s, self.shape_s));
             self.shape_s = (self.shape_s + step_s).min(LOOK_S);
@@ -242,13 +245,35 @@ impl Wearer {
         self.away_s += step_s;
     }
 
+    /// Learns from the next frame of a face that is the wearer's beyond doubt, `step_s` after the last one, if it is in view.
+    pub fn learn_from(&mut self, face: &Face, region: &FaceBox, step_s: f32) {
+        let seen = Seen::new(face);
+        let score = face.appearance.map_or(0.0, |appearance| appearance.score);
+        let is_mixed = self.is_known() && self.look.difference(&seen).is_mixed();
+        if score >= IN_VIEW && !is_mixed && seen.is_finite() {
+            self.learn(&region.into(), &seen, score, step_s.min(STEPS_S[1]));
+        }
+    }
+
+    /// How little a face that has just been found is like the wearer's, who has been away for `away_s`: up to 1 it is theirs,
+    /// because it looks the same or, for some seconds, because it looks alike and is where theirs was. `None` if the wearer is
+    /// not known yet.
+    pub fn strangeness(&self, face: &Face, region: &FaceBox, away_s: f32) -> Option<f32> {
+        let of_look = self.look.difference(&Seen::new(face)).sum() / LOOK;
+        let of_place = self.strangeness_of_place(&region.into(), away_s);
+        let here = if away_s < PATIENCE_S { of_place + of_look } else { f32::INFINITY };
+        let strangeness = here.min(of_look / SURE);
+        (self.is_known() && !strangeness.is_nan()).then_some(strangeness)
+    }
+
     /// Forgets all but the rule.
-    pub(super) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         *self = Self { follow: self.follow, ..Self::default() };
     }
 
-    fn is_known(&self) -> bool {
-        self.known_s >= KNOWN_S
+    /// Whether the face was seen for long enough to be known again.
+    pub fn is_known(&self) -> bool {
+        self.look.known_s >= KNOWN_S
     }
 
     fn is_patient(&self) -> bool {
@@ -259,7 +284,7 @@ impl Wearer {
     /// The face to follow of those that the detector has found in a picture of this size.
     pub(super) fn choose(&mut self, faces: &[FaceBox], size_px: [f32; 2]) -> Option<FaceBox> {
         self.last = None;
-        let place = |face: &FaceBox| self.strangeness_of_place(&Place::from(face));
+        let place = |face: &FaceBox| self.strangeness_of_place(&Place::from(face), self.away_s);
         let merit = |face: &FaceBox| self.merit(face, size_px);
         if self.is_patient() {
             let nearest = faces.iter().min_by(|one, other| place(one).total_cmp(&place(other)));
@@ -292,8 +317,8 @@ impl Wearer {
             return Some(best);
         }
         let best = *others.min_by(|one, other| away(one).total_cmp(&away(other)))?;
-        let is_back =
-            self.strangeness_of_place(&Place::from(&best)) < 1.0 && away(&best) + ELSEWHERE < self.seat.distance(&mine);
+        let is_back = self.strangeness_of_place(&Place::from(&best), self.away_s) < 1.0
+            && away(&best) + ELSEWHERE < self.seat.distance(&mine);
         is_back.then(|| {
             (self.trial, self.stay_s) = (TRIAL, 0.0);
             self.last = None;
@@ -363,7 +388,7 @@ impl Wearer {
         // In the region of the detector, the landmarks are not exact yet.
         let is_first = self.trial == TRIAL && self.stay_s <= 0.0;
         self.stay_s += step_s;
-        let of_place = self.strangeness_of_place(place);
+        let of_place = self.strangeness_of_place(place, self.away_s);
         let of_look = difference.sum() / (LOOK * (1.0 + (self.stay_s / STAY_S).powi(2)));
         if of_place > (if is_first { 2.0 } else { 1.0 }) || (!is_first && speed > TRIAL_SPEED) {
             self.is_wary = true;
@@ -392,21 +417,21 @@ impl Wearer {
     }
 
     fn learn(&mut self, place: &Place, seen: &Seen, score: f32, step_s: f32) {
-        self.look.learn(seen, self.known_s, step_s);
-        self.score += share(step_s, self.known_s.min(LOOK_S)) * (score - self.score);
-        self.place.approach(place, share(step_s, self.known_s.min(PLACE_S)));
-        self.seat.approach(place, share(step_s, self.known_s.min(SEAT_S)));
-        self.known_s = (self.known_s + step_s).min(SEAT_S);
+        let known_s = self.look.known_s;
+        self.look.learn(seen, step_s);
+        self.score += share(step_s, known_s.min(LOOK_S)) * (score - self.score);
+        self.place.approach(place, share(step_s, known_s.min(PLACE_S)));
+        self.seat.approach(place, share(step_s, known_s.min(SEAT_S)));
     }
 
     fn forget_look(&mut self) {
-        (self.known_s, self.look, self.last, self.is_wary) = (0.0, Look::default(), None, false);
+        (self.look, self.last, self.is_wary) = (Look::default(), None, false);
         (self.doubt_s, self.doubted_s, self.away_s) = (0.0, 0.0, 0.0);
     }
 
     /// How little a place suits the wearer: up to 1 it may be theirs.
-    fn strangeness_of_place(&self, place: &Place) -> f32 {
-        let [near, size] = [NEAR, SIZE].map(|[at_once, per_s]| at_once + per_s * self.away_s);
+    fn strangeness_of_place(&self, place: &Place, away_s: f32) -> f32 {
+        let [near, size] = [NEAR, SIZE].map(|[at_once, per_s]| at_once + per_s * away_s);
         let strangeness = |from: &Place| from.distance(place) / near + from.zoom(place) / size;
         strangeness(&self.place).min(strangeness(&self.seat))
     }

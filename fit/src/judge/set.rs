@@ -167,7 +167,7 @@ impl Clip {
 
     /// Returns what the solver and the failsafe show in each frame.
     pub fn shown(&self, model: &Model, neutral: Option<&Neutral>) -> Vec<Shown> {
-        let profile = Profile { neutral: neutral.cloned(), ..Profile::default() };
+        let profile = neutral.cloned().map(Profile::from).unwrap_or_default();
         let mut playback = playback(None, model, profile, NeutralMode::Off);
         self.faces.iter().map(|face| playback.show(face)).collect()
     }

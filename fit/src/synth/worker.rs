@@ -172,7 +172,7 @@ impl Finder {
     fn find(&mut self, jpeg: &[u8], seen: &Seen) -> Result<Option<Face<'_>>> {
         self.decoder.decode(jpeg)?;
         let picture = self.decoder.picture().context("the image was not decoded")?;
-        let mut region = self.detector.find(&picture, &[])?;
+        let mut region = self.detector.find(&picture)?;
         if let Some(around) = region {
             region = self.mesh.find(&picture, &around)?.and_then(FaceBox::following);
         }

@@ -48,8 +48,8 @@ fn every_chroma_subsampling_is_decoded_within_2_of_the_original() {
         let truth = slopes(WIDTH, HEIGHT, subsamp);
         decoder.decode(&jpeg(WIDTH, HEIGHT, subsamp)).unwrap();
         let picture = decoder.picture().unwrap();
-        assert!(picture.full_range);
-        match picture.pixels {
+        assert!(picture.full_range());
+        match picture.pixels() {
             Pixels::Planar { planes, strides, chroma_shift } => {
                 assert_eq!(strides, [truth.y_width(), truth.uv_width()]);
                 assert_eq!(chroma_shift.map(|shift| 1 << shift), [subsamp.width(), subsamp.height()]);
@@ -75,7 +75,9 @@ fn an_image_of_red_green_and_blue_is_decoded_and_one_of_cyan_magenta_yellow_and_
     };
     let mut decoder = decoder();
     decoder.decode(&encoded(&rgb, PixelFormat::RGB, Colorspace::RGB)).unwrap();
-    let Pixels::Packed { data, stride, step: 3, rgb: [0, 1, 2] } = decoder.picture().unwrap().pixels else { panic!() };
+    let Pixels::Packed { data, stride, step: 3, rgb: [0, 1, 2] } = decoder.picture().unwrap().pixels() else {
+        panic!()
+    };
     assert_eq!(stride, 3 * WIDTH);
     assert!(rgb.iter().zip(data).all(|(a, b)| a.abs_diff(*b) <= 2));
     let cmyk = vec![90; 4 * WIDTH * HEIGHT];
@@ -152,7 +154,7 @@ fn luma(before: &[u8], image: &[u8]) -> Result<Vec<u8>, FrameFault> {
     let mut decoder = JpegDecoder::new(SIZE[0], SIZE[1]).unwrap();
     let _ = decoder.decode(before);
     decoder.decode(image)?;
-    let Pixels::Planar { planes: [luma, ..], .. } = decoder.picture().unwrap().pixels else { panic!("no luma") };
+    let Pixels::Planar { planes: [luma, ..], .. } = decoder.picture().unwrap().pixels() else { panic!("no luma") };
     Ok(luma.to_vec())
 }
 

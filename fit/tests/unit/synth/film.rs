@@ -35,7 +35,7 @@ fn facewire_reads_size_rate_and_every_frame() {
     assert_eq!(source.frame_period_us(), Some(33_333));
     let mut count = 0;
     while let Some(frame) = source.next().expect("a frame") {
-        assert_eq!(frame.picture().map(|picture| [picture.width, picture.height]), Some([64, 48]));
+        assert_eq!(frame.picture().map(|picture| [picture.width(), picture.height()]), Some([64, 48]));
         count += 1;
     }
     assert_eq!(count, 3);

@@ -132,11 +132,13 @@ def main():
     parser.add_argument("--curves", nargs="+", type=pathlib.Path, help="curves of another tracker in place of facewire's")
     parser.add_argument("--neutral", help="passed to `facewire track`: `auto`, or frames A..B; without it, not known")
     parser.add_argument("--model", help="passed to `facewire track`")
+    parser.add_argument("--config", help="passed to `facewire track`")
     arguments = parser.parse_args()
     if arguments.curves and len(arguments.curves) != len(arguments.films):
         parser.error("give one file of curves for each film")
     marks = list(csv.DictReader(arguments.marks.read_text().splitlines()))
-    options = ["--neutral", arguments.neutral] * bool(arguments.neutral) + ["--model", arguments.model] * bool(arguments.model)
+    passed = {"--neutral": arguments.neutral, "--model": arguments.model, "--config": arguments.config}
+    options = [text for option, value in passed.items() if value for text in (option, value)]
     films = []
     for index, film in enumerate(arguments.films):
         curves = read_curves(arguments.curves[index]) if arguments.curves else track(film, options)

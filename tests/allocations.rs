@@ -39,14 +39,9 @@ struct Way {
 }
 
 impl Way {
-    fn new() -> Self {
-        Self::with("")
-    }
-
-    /// The way of frames in a service with these settings beside its link.
-    fn with(settings: &str) -> Self {
+    fn new(toml: &str) -> Self {
         let receiver = Receiver::new();
-        let link = format!("{settings}[[link]]\naddress = \"{}\"\n", receiver.address());
+        let link = format!("{toml}[[link]]\naddress = \"{}\"\n", receiver.address());
         let settings = config::parse("test", &link).unwrap();
         let traffic = Arc::<Traffic>::default();
         Self {
@@ -85,17 +80,20 @@ impl Way {
 /// The clip has fewer frames than the test plays, so it starts over in between.
 #[test]
 fn frames_allocate_nothing_whether_the_face_is_followed_found_again_or_away() {
-    let (mut way, mut clip) = (Way::new(), Clip::looped().unwrap());
-    way.allocated(&mut clip, WARM_UP);
-    assert_eq!(way.allocated(&mut clip, 230), AllocationInfo::default());
-    // The link sends a neutral packet for the first pose and nothing for the next two. The face is live from the fourth on.
-    assert_eq!((way.live, way.traffic.sent.load(Relaxed)), (230, 248));
-    for _ in 0..5 {
-        way.pipeline.forget_face();
-        assert_eq!(way.allocated(&mut clip, 1), AllocationInfo::default(), "the detector finds the face again");
+    for method in ["network", "paper"] {
+        let mut way = Way::new(&format!("[solver]\nmethod = \"{method}\"\n"));
+        let mut clip = Clip::looped().unwrap();
+        way.allocated(&mut clip, WARM_UP);
+        assert_eq!(way.allocated(&mut clip, 230), AllocationInfo::default(), "{method}");
+        // The link sends a neutral packet for the first pose and nothing for the next two. The face is live from the fourth on.
+        assert_eq!((way.live, way.traffic.sent.load(Relaxed)), (230, 248));
+        for _ in 0..5 {
+            way.pipeline.forget_face();
+            assert_eq!(way.allocated(&mut clip, 1), AllocationInfo::default(), "the detector finds the face again");
+        }
     }
     // The detector runs on each of these frames, and the failsafe sends a neutral face.
-    let (mut way, stream) = (Way::new(), empty_y4m(WARM_UP + 40));
+    let (mut way, stream) = (Way::new(""), empty_y4m(WARM_UP + 40));
     let mut empty = read_y4m(&stream[..]);
     way.allocated(&mut empty, WARM_UP);
     assert_eq!(way.allocated(&mut empty, 40), AllocationInfo::default());
@@ -106,7 +104,7 @@ fn frames_allocate_nothing_whether_the_face_is_followed_found_again_or_away() {
 #[test]
 fn frames_of_a_covered_face_allocate_nothing() {
     for wears in ["headset", "mask"] {
-        let mut way = Way::with(&format!("[wearer]\nwears = \"{wears}\"\n"));
+        let mut way = Way::new(&format!("[wearer]\nwears = \"{wears}\"\n"));
         let mut clip = Clip::looped().unwrap();
         way.allocated(&mut clip, WARM_UP);
         assert_eq!(way.allocated(&mut clip, 60), AllocationInfo::default(), "{wears}");

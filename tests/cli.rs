@@ -55,13 +55,15 @@ fn every_command_names_all_faults_of_the_settings_before_it_tries_anything_else(
 fn check_says_of_every_part_that_it_works() {
     let absent = "[camera]\ndevice = \"/nowhere\"\n";
     assert_eq!(with_settings(&["check", "--settings-only"], absent).succeeded().out, "settings  ok\n");
+    let paper = with_settings(&["check"], &format!("{absent}[solver]\nmethod = \"paper\"\n")).out;
+    assert!(paper.contains("\nmodel     ok: the built-in formulas of the paper\n"), "{paper}");
     // The printed defaults load back.
     let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
     let demo = defaults.replacen("# device = \"auto\"", "device = \"demo\"", 1);
     let out = with_settings(&["check"], &[&demo, "[[link]]\naddress = \"localhost:5252\"\n"].concat()).succeeded().out;
     let parts: Vec<&str> = out.lines().collect();
     let [settings, model, wearer, networks, camera, board, .., link] = parts.as_slice() else { panic!("{out}") };
-    assert_eq!([*settings, *model], ["settings  ok", "model     ok: the built-in one"]);
+    assert_eq!([*settings, *model], ["settings  ok", "model     ok: the built-in network"]);
     assert!(wearer.starts_with("wearer    ok: no profile is in use"), "{wearer}");
     assert_eq!(*networks, "networks  ok: they find the face of the built-in clip");
     assert!(camera.starts_with("camera    ok: demo: MJPEG 640x480 at 30 fps; brightness 13"), "{camera}");

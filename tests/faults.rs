@@ -43,8 +43,8 @@ fn assert_failsafe(packets: &[Packet], reason: Reason) {
 }
 
 /// Plays the clip for 4 s and this scene for 3 s, again and again, and checks the packets through the first fault.
-fn assert_rehearsed(scene: &str, reason: Reason) {
-    let toml = format!("[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n");
+fn assert_rehearsed(scene: &str, reason: Reason, more: &str) {
+    let toml = format!("{more}[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n");
     let (_service, receiver) = Service::live(&toml);
     let packets = receiver.until_state(State::Neutral);
     assert_failsafe(&through(packets, &receiver), reason);
@@ -58,22 +58,24 @@ fn through(mut packets: Vec<Packet>, receiver: &Receiver) -> Vec<Packet> {
 
 #[test]
 fn a_lost_face_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
-    assert_rehearsed("no-face", Reason::NoFace);
+    for method in ["network", "paper"] {
+        assert_rehearsed("no-face", Reason::NoFace, &format!("[solver]\nmethod = \"{method}\"\n"));
+    }
 }
 
 #[test]
 fn a_camera_that_is_gone_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
-    assert_rehearsed("gone", Reason::NoCamera);
+    assert_rehearsed("gone", Reason::NoCamera, "");
 }
 
 #[test]
 fn a_silent_camera_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
-    assert_rehearsed("silent", Reason::NoCamera);
+    assert_rehearsed("silent", Reason::NoCamera, "");
 }
 
 #[test]
 fn a_camera_with_damaged_frames_only_is_none_and_comes_back_by_a_ramp() {
-    assert_rehearsed("damaged", Reason::NoCamera);
+    assert_rehearsed("damaged", Reason::NoCamera, "");
 }
 
 /// The service opens such a camera again and again, says so once, and counts every damaged frame.

@@ -94,7 +94,7 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
     let made_by = format!("facewire-fit train {names} {how}{pictures}");
     let appearances = dataset::load_appearances(datasets, samples.len())?;
     let file = train::train(&samples, appearances.as_ref(), epochs as usize, keep, made_by)?;
-    output::write(out, toml::to_string(&file)?)?;
+    output::write_model(out, &file)?;
     let model = file.to_model()?;
     judge::judge_fitted(names, samples, appearances, &model)
 }

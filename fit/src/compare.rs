@@ -39,7 +39,7 @@ pub struct FitArgs {
     dataset: PathBuf,
     #[command(flatten)]
     options: FitOptions,
-    /// Memory budget for the model of one blendshape, in bytes
+    /// Memory budget for the model of one blendshape, in bytes. Formulas take as many features as it allows
     #[arg(long, default_value_t = ALL_BYTES / COEFFS)]
     bytes: usize,
     /// Time budget for the model of one blendshape on one face, on this machine
@@ -65,6 +65,9 @@ pub struct FitOptions {
     /// Kinds of model, separated by commas [default: all]
     #[arg(long, value_delimiter = ',')]
     pub kinds: Vec<String>,
+    /// Number of features that the models of all blendshapes together choose from [default: all]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    pub features: Option<u16>,
     /// Number of folds for cross-validation
     #[arg(long, default_value_t = FOLDS)]
     pub folds: usize,
@@ -83,7 +86,7 @@ pub fn run(args: &FitArgs) -> Result<()> {
     };
     let unknown = args.choose(&samples, &split, false)?;
     let file = choice::model_file(&known, &unknown, args.made_by(), split.described())?;
-    output::write(path, toml::to_string(&file)?)?;
+    output::write_model(path, &file)?;
     println!("model in memory: {} bytes", file.to_model()?.to_bytes().len());
     let [known, unknown] = [known, unknown].map(|choices| choice::json(&choices, &split, &args.budget()));
     output::write_json(args.json.as_deref(), &json!({ "neutral_known": known, "neutral_unknown": unknown }))
@@ -102,6 +105,7 @@ impl FitArgs {
             kinds.each.retain(|kind| kind.form.is_formula());
             kinds.hidden_layer = false;
         }
+        kinds.each.iter_mut().for_each(|kind| *kind = kind.within(self.bytes));
         Ok(kinds)
     }
 
@@ -122,11 +126,12 @@ impl FitArgs {
     }
 
     fn made_by(&self) -> String {
-        let FitOptions { blendshapes, kinds, folds, .. } = &self.options;
+        let FitOptions { blendshapes, kinds, features, folds, .. } = &self.options;
         let blendshapes = blendshapes.iter().map(|shape| BLENDSHAPES[*shape].to_owned()).collect();
         let mut parts = vec![format!("facewire-fit fit {} --export", self.dataset.display())];
         let lists = [("blendshapes", &blendshapes), ("kinds", kinds)].into_iter().filter(|(_, list)| !list.is_empty());
         parts.extend(lists.map(|(name, list)| format!("--{name} {}", list.join(","))));
+        parts.extend(features.map(|features| format!("--features {features}")));
         parts.push(format!("--folds {folds} --bytes {} --nanoseconds {}", self.bytes, self.nanoseconds));
         parts.extend(self.one_subject.then(|| "--one-subject".to_owned()));
         parts.join(" ")
@@ -158,13 +163,13 @@ fn beside_the_paper(choice: &Choice, faces: &Faces, split: &Split) -> Table {
 }
 
 pub struct Kinds {
-    each: Vec<&'static Kind>,
+    each: Vec<Kind>,
     hidden_layer: bool,
 }
 
 impl FitOptions {
     pub fn to_kinds(kinds: Vec<String>) -> Self {
-        Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
+        Self { blendshapes: Vec::new(), kinds, features: None, folds: FOLDS, epochs: train::EPOCHS }
     }
 
     pub fn run_trials(
@@ -177,7 +182,7 @@ impl FitOptions {
         let trainings: Vec<Vec<usize>> = (0..split.folds).map(|fold| split.training(fold)).collect();
         let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
         let blendshapes = faces.moving(&self.blendshapes, &parts)?;
-        let runner = Trials::new(faces, split);
+        let runner = Trials::new(faces, split, self.features.map(usize::from));
         let widest = kinds.each.iter().map(|kind| kind.limits.features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
         let one = |blendshape: &usize| -> Result<(usize, Vec<_>)> {
@@ -205,7 +210,7 @@ impl FitOptions {
     }
 
     pub fn kinds(&self) -> Result<Kinds> {
-        let mut each: Vec<&'static Kind> = kinds::ALL.iter().collect();
+        let mut each = kinds::ALL.to_vec();
         let known: Vec<&str> = each.iter().map(|kind| kind.name).chain([trial::HIDDEN_LAYER]).collect();
         for name in &self.kinds {
             ensure!(known.contains(&name.as_str()), "no kind of model {name}: the kinds are {}", known.join(", "));

@@ -47,6 +47,9 @@ pub struct JudgeArgs {
     /// A model to judge instead of the built-in one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Judge the built-in formulas of the paper, those of `solver.method = "paper"`
+    #[arg(long, conflicts_with = "model")]
+    paper: bool,
     /// Another model to compare it with, on the same faces
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
@@ -72,7 +75,7 @@ pub struct JudgeArgs {
 
 pub fn run(args: &JudgeArgs) -> Result<()> {
     [&args.json, &args.csv, &args.page].into_iter().flatten().try_for_each(|path| output::check(path))?;
-    let model = load_model(args.model.as_deref())?;
+    let model = if args.paper { Model::embedded_formulas() } else { load_model(args.model.as_deref())? };
     let against = args.against.as_deref().map(Model::load).transpose()?;
     let models: Vec<&Model> = [&model].into_iter().chain(&against).collect();
     let mut judged = Vec::new();

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use facewire_face::{BLENDSHAPES, model::ModelFile};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde::Serialize as _;
 use serde_json::Value;
 
 const STYLE: &str = include_str!("output/style.css");
@@ -32,6 +33,26 @@ pub fn write_json(path: Option<&Path>, value: &Value) -> Result<()> {
 pub fn read_model(path: &Path) -> Result<ModelFile> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(ModelFile::parse(&text)?)
+}
+
+/// Writes a model, with each formula on one line.
+pub fn write_model(path: &Path, file: &ModelFile) -> Result<()> {
+    let mut rest = file.clone();
+    let formulas = rest.formulas.take();
+    let mut text = toml::to_string(&rest)?;
+    let cases = formulas.iter().flat_map(|formulas| {
+        [("neutral_known", &formulas.neutral_known), ("neutral_unknown", &formulas.neutral_unknown)]
+    });
+    for (case, set) in cases {
+        text += &format!("\n[formulas.{case}.inputs]\n{}", toml::to_string(&set.inputs)?);
+        text += &format!("\n[formulas.{case}.blendshapes]\n");
+        for (name, formula) in &set.blendshapes {
+            let mut line = String::new();
+            formula.serialize(toml::ser::ValueSerializer::new(&mut line))?;
+            text += &format!("{name} = {line}\n");
+        }
+    }
+    write(path, text)
 }
 
 /// Returns the files of a folder with one of these endings, in the order of their names.

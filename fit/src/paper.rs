@@ -3,8 +3,10 @@
 //!
 //! The paper measured other faces against another truth, so its results give a scale, but do not tell which is better.
 
+use facewire_face::model::FormulaScoreTable;
 use nalgebra::DMatrix;
 
+use crate::network::rounded;
 use crate::output::{Table, number};
 use crate::statistics::{
     SHAPIRO_WILK_MAX, TestResult, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk,
@@ -158,6 +160,21 @@ impl Fitted {
             Some(nanoseconds),
         ];
         Self { kind, predictions, values, residuals }
+    }
+}
+
+/// Returns the statistics of estimates that a model file states of a formula.
+pub fn score(predictions: &[f64], truth: &[f64]) -> FormulaScoreTable {
+    let [r2, xi, mse, dw, bp, .., r, _, _] =
+        Fitted::new(String::new(), predictions.to_vec(), truth, 0, [0.0; 2]).values;
+    let figure = |value: Option<f64>, decimals| value.map(|value| rounded(value, decimals));
+    FormulaScoreTable {
+        r: figure(r, 3).unwrap_or_default(),
+        mse: figure(mse, 4).unwrap_or_default(),
+        r2: figure(r2, 3),
+        xi: figure(xi, 3),
+        dw: figure(dw, 2),
+        bp: figure(bp, 1),
     }
 }
 

@@ -9,7 +9,7 @@ use super::failure::{Failure, print, say};
 use crate::calibration::{Store, WearerName};
 use crate::capture::{Clip, Frame, Motion, Source as _};
 use crate::clock::monotonic_us;
-use crate::config::{CameraSettings, NetworkSettings, Settings};
+use crate::config::{CameraSettings, Method, NetworkSettings, Settings, SolverSettings};
 use crate::link::{Link, notes};
 use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
@@ -129,8 +129,12 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
         let camera = Camera::new(*size_px, settings.camera.horizontal_fov_deg);
         solver.solve(landmarks, &camera, 0).map_err(|error| Failure::failed(error.to_string()))?;
     }
-    let path = &settings.solver.model;
-    Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
+    let SolverSettings { method, model: path } = &settings.solver;
+    Ok(match method {
+        _ if !path.is_empty() => path.clone(),
+        Method::Network => "the built-in network".to_owned(),
+        Method::Paper => "the built-in formulas of the paper".to_owned(),
+    })
 }
 
 fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcome {

@@ -193,6 +193,14 @@ fn check(settings: &Settings, faults: &mut Faults) {
         let expected = "a path from / on: no shell replaces the ~ of a setting";
         faults.require(!path.starts_with('~'), key, format!("{path:?}"), expected);
     }
+    let SolverSettings { method, model } = &settings.solver;
+    let is_one = *method == Method::Network || model.is_empty();
+    faults.require(
+        is_one,
+        "solver.model",
+        format!("{model:?}"),
+        "none with method = \"paper\": a file brings its own method",
+    );
     let is_name = name.is_empty() || WearerName::new(name).is_some();
     faults.require(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
     faults.require(!settings.links.is_empty(), "link", "[]", "at least one [[link]]");

@@ -53,7 +53,10 @@ section! {
         threads: u32 = 1, whole(1..=8, "");
     }
 
-    SolverSettings { model: String = String::new(), text(ANY_TEXT); }
+    SolverSettings {
+        method: Method = Method::Network, choice();
+        model: String = String::new(), text(ANY_TEXT);
+    }
 
     SmoothingSettings {
         lids: FilterKind = FilterKind::GatedAverage, choice();
@@ -187,6 +190,10 @@ impl SmoothingSettings {
 }
 
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
+choices! {
+    /// Which of the built-in models solves the coefficients.
+    pub enum Method: Network = "network", Paper = "paper"
+}
 choices! { LevelFilter: ERROR = "error", WARN = "warn", INFO = "info", DEBUG = "debug", TRACE = "trace" }
 choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxruntime" }
 choices! {

@@ -193,6 +193,7 @@ fn wrong_values_and_settings_that_do_not_fit_together_are_refused() {
         ("[failsafe]\nlive_ms = 400\n", "failsafe.hold_ms = 300: give more than failsafe.live_ms, which is 400"),
         ("[failsafe]\nneutral_ms = 200\n", "failsafe.neutral_ms = 200: give more than failsafe.hold_ms, which is 300"),
         ("[camera]\ndevice = \"rehearsal: nap 2\"\n", "camera.device = \"rehearsal: nap 2\": give a rehearsal such as"),
+        ("[solver]\nmethod = \"paper\"\nmodel = \"a\"\n", "solver.model = \"a\": give none with method = \"paper\""),
         ("[solver]\nmodel = \"~\"\n", "solver.model = \"~\": give a path from / on"),
         ("link = []\n", "link = []: give at least one [[link]]"),
         ("[link]\n", "facewire.toml:1: link = [link]: give each link under its own [[link]]"),

@@ -478,10 +478,14 @@ mod tests {
     use std::{io, sync::atomic::AtomicU32};
 
     use super::*;
-    use crate::capture::DEMO;
-    use crate::pipeline::load_solver;
+    use crate::capture::{Clip, DEMO};
+    use crate::config::Method;
+    use crate::pipeline::{load_model, load_solver, load_tracker};
     use crate::service::{observer, picture};
     use facewire_face::testing::Scripted;
+
+    /// A frame of the built-in clip in which the face has an expression.
+    const EXPRESSION: u64 = 60;
 
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
@@ -520,6 +524,38 @@ mod tests {
         }
         counters.stop();
         hot.join().unwrap().unwrap();
+    }
+
+    /// The method changes as by a reload, while the wearer holds an expression of the built-in clip.
+    #[test]
+    fn another_method_leads_the_face_over_without_a_step() {
+        let mut paper = Settings::default();
+        paper.solver.method = Method::Paper;
+        let tracker = load_tracker(&paper.networks).unwrap();
+        let (mut hot, _told, _counters) = hot(Settings::default(), tracker);
+        let (changes, taken) = mpsc::channel();
+        hot.changes = taken;
+        let mut clip = Clip::once().unwrap();
+        assert!((0..EXPRESSION).all(|_| clip.skip().unwrap()));
+        let held = clip.next().unwrap().unwrap();
+        let mut face = |number: u64| {
+            if number == 45 {
+                let model = load_model(&paper.solver).ok();
+                let change = HotChange { settings: Some(paper.clone()), tracker: None, model, profile: None };
+                changes.send(change).unwrap();
+                hot.adopt();
+            }
+            let frame = Frame { captured_us: 33_333 * number, ..held };
+            hot.pipeline.as_mut().unwrap().process(&frame).solved.ok().unwrap().smoothed.0
+        };
+        let faces: Vec<_> = (0..90).map(&mut face).collect();
+        let step = |one: usize, other: usize| {
+            faces[one].iter().zip(faces[other]).map(|(one, other)| (one - other).abs()).fold(0.0, f32::max)
+        };
+        assert!(step(44, 89) > 0.1, "the methods differ: {}", step(44, 89));
+        assert!(step(44, 45) < 1e-3, "{}", step(44, 45));
+        let most = 0.5 * step(44, 89);
+        (45..89).for_each(|frame| assert!(step(frame, frame + 1) < most, "{frame}: {}", step(frame, frame + 1)));
     }
 
     #[test]

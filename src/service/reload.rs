@@ -35,7 +35,7 @@ impl Change {
     /// even if their names stay, because they may have changed; the hot loop compares them.
     fn prepare(load_settings: &LoadSettings, live: &Settings, counters: &Counters) -> Outcome<Self> {
         let new = load_settings()?;
-        let is_same_model = new.solver.model == live.solver.model;
+        let is_same_model = new.solver == live.solver;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
         let keeps_model = is_same_model && new.solver.model.is_empty();
         let model = replaced(keeps_model, is_same_model, "model", || load_model(&new.solver))?;

@@ -51,7 +51,7 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// [formulas.neutral_known.blendshapes.jawOpen]
 /// kind = "quadratic"                    # or affine, exponential, log-exponential
 /// response = "plain"                    # or square-root, logit
-/// score = { r = 0.95, mse = 0.004 }
+/// score = { r = 0.95, mse = 0.004 }     # and r2, xi, dw, bp: the other statistics of the paper
 /// offset = 0.21
 /// weights = { d13-14 = 0.12, y17 = -0.08 }
 /// products = { "d13-14*d13-14" = 0.01, "d13-14*y17" = -0.02 }

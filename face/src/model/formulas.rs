@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::file::{ScoreTable, TOO_MANY, blendshapes, feature, finite, invalid};
+use super::file::{TOO_MANY, blendshapes, feature, finite, invalid};
 use super::{COEFFS, FeatureId, ModelError};
 
 /// Most features of a formula.
@@ -148,12 +148,29 @@ pub struct FormulaSetTable {
 pub struct FormulaTable {
     pub kind: FormulaKind,
     pub response: Response,
-    pub score: ScoreTable,
+    pub score: FormulaScoreTable,
     pub offset: f64,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub weights: BTreeMap<String, f64>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub products: BTreeMap<String, f64>,
+}
+
+/// How well a formula estimates its blendshape for subjects that the fit has not seen, by the statistics of the paper. Files
+/// may lack all but the first two.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormulaScoreTable {
+    pub r: f64,
+    pub mse: f64,
+    /// The coefficient of determination.
+    pub r2: Option<f64>,
+    /// Chatterjee's correlation.
+    pub xi: Option<f64>,
+    /// The Durbin-Watson statistic of the residuals, ordered by estimate.
+    pub dw: Option<f64>,
+    /// The Breusch-Pagan statistic of the residuals.
+    pub bp: Option<f64>,
 }
 
 impl FormulaSetTable {

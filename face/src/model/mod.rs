@@ -1,5 +1,5 @@
 //! The numbers of a fitted model; [`ModelFile`] is the text that they are read from. The build script compiles this module,
-//! too, and writes the bytes of `models/blendshapes.toml` that the program contains.
+//! too, and writes the bytes of the files in `models/` that the program contains.
 
 mod file;
 mod formulas;
@@ -16,8 +16,8 @@ pub use file::{
 pub(crate) use formulas::ScaledInput;
 pub(crate) use formulas::{Formula, FormulaSet, MAX_PRODUCTS};
 pub use formulas::{
-    FormulaKind, FormulaSetTable, FormulaTable, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response,
-    product_index, signed_logarithm,
+    FormulaKind, FormulaScoreTable, FormulaSetTable, FormulaTable, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS,
+    MAX_MULTIPLIED, Response, product_index, signed_logarithm,
 };
 
 /// Most units of the hidden layer.

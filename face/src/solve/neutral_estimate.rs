@@ -290,7 +290,7 @@ impl RestWatch {
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
     fn motion(&mut self, mut outputs: [f32; COEFFS], dt_s: f32) -> f32 {
-        BLINKS.into_iter().for_each(|place| put(&mut outputs, [place], [0.0]));
+        put(&mut outputs, BLINKS, [0.0; 2]);
         let Some([now, recent]) = &mut self.averages else {
             self.averages = Some([outputs; 2]);
             return f32::INFINITY;

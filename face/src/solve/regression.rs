@@ -1,7 +1,7 @@
 //! `R`: the fitted regression from features to coefficients, and what the look of a face adds to it.
 //!
-//! A model holds either one formula for each blendshape as in the paper ([`super::formulas`]), or the hidden layer that
-//! facewire ships, which tells apart expressions that move the same points. A linear layer reads the mesh network's
+//! A model holds either one formula for each blendshape as in the paper ([`super::formulas`]), or a hidden layer, which
+//! tells apart expressions that move the same points. facewire ships one of each. A linear layer reads the mesh network's
 //! feature map and adds what no landmark shows, such as a puffed cheek. `tongueOut` is always 0.
 
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
@@ -13,6 +13,7 @@ use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model,
 use crate::track::Appearance;
 
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
+const EMBEDDED_FORMULAS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/formulas.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
 
@@ -21,6 +22,14 @@ impl Model {
     #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
     pub fn embedded() -> Self {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
+    }
+
+    /// The formulas of the paper that are built into the program. The gaze is read as by [`Model::embedded`].
+    #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
+    pub fn embedded_formulas() -> Self {
+        let formulas = Self::from_bytes(EMBEDDED_FORMULAS).expect("the embedded formulas are whole");
+        let Self { gaze, eyes, .. } = Self::embedded();
+        Self { gaze, eyes, ..formulas }
     }
 
     /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
@@ -120,14 +129,24 @@ mod tests {
     use crate::track::Face;
 
     const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
+    const SHIPPED_FORMULAS: &str = include_str!("../../models/formulas.toml");
     const CHEEK_PUFF: usize = 46;
 
     #[test]
-    fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
-        assert_eq!(ModelFile::parse(SHIPPED).and_then(|file| file.to_model()).expect("sound").to_bytes(), EMBEDDED);
-        assert!(EMBEDDED.len() <= 1 << 20, "{}", EMBEDDED.len());
+    fn embedded_numbers_are_those_of_the_readable_files_bit_for_bit() {
+        for (text, bytes, most) in [(SHIPPED, EMBEDDED, 1 << 20), (SHIPPED_FORMULAS, EMBEDDED_FORMULAS, 1 << 14)] {
+            assert_eq!(ModelFile::parse(text).and_then(|file| file.to_model()).expect("sound").to_bytes(), bytes);
+            assert!(bytes.len() <= most, "{}", bytes.len());
+        }
         assert_eq!(Model::from_bytes(&EMBEDDED[..EMBEDDED.len() - 4]), None, "cut short");
         assert_eq!(Model::from_bytes(&[EMBEDDED, &[0; 4]].concat()), None, "too long");
+    }
+
+    #[test]
+    fn embedded_formulas_read_the_gaze_as_the_network_does_and_nothing_else_of_the_picture() {
+        let [network, formulas] = [Model::embedded(), Model::embedded_formulas()];
+        assert!(matches!(formulas.regression, Regression::Formulas(_)) && formulas.gaze.is_some());
+        assert_eq!((formulas.gaze, formulas.eyes, formulas.appearance), (network.gaze, network.eyes, None));
     }
 
     /// Features near those of a face at rest, of which this share of the neutral face is known.

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
 use facewire_face::BLENDSHAPES;
-use facewire_face::model::{Cases, FeatureId, FormulaSetTable, FormulaTable, ModelFile, Response, ScoreTable};
+use facewire_face::model::{Cases, FeatureId, FormulaSetTable, FormulaTable, ModelFile, Response};
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::Split;
 use super::trial::{Scale, Trial};
 use crate::kinds::{Form, Formula};
+use crate::network;
 use crate::output::{Table, number};
 use crate::shapes::MODELLED;
 use crate::statistics::mean;
@@ -202,16 +203,22 @@ fn add_inputs(inputs: &mut BTreeMap<String, [f64; 2]>, scale: &Scale) -> Result<
 }
 
 fn formula_table(trial: &Trial, formula: &Formula, names: &[String]) -> FormulaTable {
-    let products =
-        formula.pairs().map(|([one, other], weight)| (format!("{}*{}", names[one], names[other]), rounded(weight)));
+    let products = formula
+        .pairs()
+        .map(|([one, other], weight)| (format!("{}*{}", names[one], names[other]), rounded_weight(weight)));
     FormulaTable {
         kind: formula.kind,
         response: formula.response,
-        score: ScoreTable { r: rounded(trial.r), mse: rounded(trial.mse) },
-        offset: rounded(formula.offset),
-        weights: names.iter().cloned().zip(formula.weights.iter().copied().map(rounded)).collect(),
+        score: trial.score,
+        offset: rounded_weight(formula.offset),
+        weights: names.iter().cloned().zip(formula.weights.iter().copied().map(rounded_weight)).collect(),
         products: products.collect(),
     }
+}
+
+/// Rounds the weight of a standardised feature, whose values are a few units. Sums of hundreds keep four decimals.
+fn rounded_weight(value: f64) -> f64 {
+    network::rounded(value, 6)
 }
 
 /// Rounds to seven digits, as many as the solver's single precision has.

@@ -1,7 +1,7 @@
 //! Trials: one kind of model, fitted to one blendshape on every fold.
 
 use anyhow::{Context, Result};
-use facewire_face::model::{Correction, FEATURES, MAX_HIDDEN, ModelFile, Response};
+use facewire_face::model::{Correction, FEATURES, FormulaScoreTable, MAX_HIDDEN, ModelFile, Response};
 use facewire_face::{BLENDSHAPES, COEFFS};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -11,7 +11,8 @@ use super::Split;
 use crate::dataset::Sample;
 use crate::design::{Design, with_mirrored};
 use crate::faces::{Faces, estimates, fastest_ns, regression_ns};
-use crate::kinds::{Form, Formula, Kind, Limits, Predictor, suffix, with_response};
+use crate::kinds::{Form, Formula, INDEX_BYTES, Kind, Limits, NUMBER_BYTES, Predictor, suffix, with_response};
+use crate::paper;
 use crate::shapes::MODELLED;
 use crate::statistics::{mse, pearson};
 use crate::train;
@@ -19,8 +20,6 @@ use crate::train;
 const SEED: u64 = 1;
 /// Number of faces to time.
 const TIMED: usize = 100;
-const NUMBER_BYTES: usize = 4;
-const INDEX_BYTES: usize = 2;
 
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Trial {
@@ -37,6 +36,8 @@ pub struct Trial {
     pub faces: usize,
     pub features: usize,
     #[serde(skip)]
+    pub score: FormulaScoreTable,
+    #[serde(skip)]
     pub predictions: Vec<f64>,
     #[serde(skip)]
     pub formula: Option<(Formula, Scale)>,
@@ -52,12 +53,14 @@ impl Trial {
         let seen = split.seen.iter().zip(faces.truth(blendshape, &split.seen));
         let errors: Vec<f64> = seen.map(|(row, truth)| (estimated[*row] - truth).powi(2)).collect();
         let truth = faces.truth(blendshape, &split.held_out);
+        let score = paper::score(&predictions, &truth);
         Self {
             kind: HIDDEN_LAYER,
             form: Form::HiddenLayer,
             validation: split.mean_error(&errors),
             r: pearson(&predictions, &truth),
             mse: mse(&predictions, &truth),
+            score,
             nanoseconds: f64::INFINITY,
             weights: MAX_HIDDEN,
             faces: split.seen.len(),
@@ -76,11 +79,13 @@ pub struct Trials<'a> {
 }
 
 impl<'a> Trials<'a> {
-    pub fn new(faces: &'a Faces, split: &'a Split) -> Self {
+    /// Prepares trials in which the models of all blendshapes together choose from so many features, or from all.
+    pub fn new(faces: &'a Faces, split: &'a Split, features: Option<usize>) -> Self {
         let moments: Vec<Moments> = (0..split.folds).map(|fold| Moments::of(faces, &split.validation(fold))).collect();
         let sum = |without: Option<usize>| {
             let kept = moments.iter().enumerate().filter(|(fold, _)| Some(*fold) != without);
-            kept.fold(Moments::none(), |sum, (_, moments)| sum.with(moments)).standardised()
+            let ranking = kept.fold(Moments::none(), |sum, (_, moments)| sum.with(moments)).standardised();
+            features.into_iter().fold(ranking, Ranking::sharing)
         };
         let folds = (0..split.folds).map(|fold| (split.training(fold), sum(Some(fold))));
         Self { faces, split, trainings: folds.chain([(split.seen.clone(), sum(None))]).collect() }
@@ -88,7 +93,7 @@ impl<'a> Trials<'a> {
 
     /// Returns the best features for a blendshape: for each fold, then for all seen pictures.
     pub fn rank(&self, blendshape: usize, count: usize) -> Vec<Vec<usize>> {
-        self.trainings.iter().map(|(_, ranking)| ranking.best(blendshape, count)).collect()
+        self.trainings.iter().map(|(_, ranking)| ranking.best(&[blendshape], count)).collect()
     }
 
     /// Tries a kind with every response. The trials have no times yet.
@@ -272,34 +277,48 @@ impl Moments {
             self.gram.column_mut(index).scale_mut(1.0 / deviation);
             self.cross.row_mut(index).scale_mut(1.0 / deviation);
         }
-        Ranking { gram: self.gram, cross: self.cross }
+        Ranking { gram: self.gram, cross: self.cross, candidates: (0..FEATURES).collect() }
     }
 }
 
 pub struct Ranking {
     pub gram: DMatrix<f64>,
     pub cross: DMatrix<f64>,
+    /// The features to choose from.
+    pub candidates: Vec<usize>,
 }
 
 impl Ranking {
-    /// Returns the `count` best features for a blendshape, by pivoted Cholesky decomposition. `rest` is the part of
-    /// each feature's variance that the selected features do not explain, `covariance` the same of its covariance with
-    /// the truth.
-    pub fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
+    /// Leaves only the `count` features that are best for all blendshapes together.
+    fn sharing(mut self, count: usize) -> Self {
+        self.candidates = self.best(&(0..MODELLED).collect::<Vec<_>>(), count);
+        self
+    }
+
+    /// Returns the `count` best features for blendshapes, which count alike, by pivoted Cholesky decomposition. `rest` is
+    /// the part of each feature's variance that the selected features do not explain, `covariances` the same of its
+    /// covariances with the truth.
+    pub fn best(&self, blendshapes: &[usize], count: usize) -> Vec<usize> {
         let mut rest = self.gram.diagonal().add_scalar(NOISE);
-        let mut covariance = self.cross.column(blendshape).into_owned();
+        let mut covariances = self.cross.select_columns(blendshapes);
+        for mut column in covariances.column_iter_mut() {
+            column /= column.norm().max(f64::MIN_POSITIVE);
+        }
         let mut chosen: Vec<usize> = Vec::new();
         let mut factors: Vec<DVector<f64>> = Vec::new();
         for _ in 0..count {
-            let gain = |feature: &usize| covariance[*feature].powi(2) / rest[*feature];
-            let open = (0..rest.len()).filter(|feature| rest[*feature] > NOISE / 2.0 && !chosen.contains(feature));
+            let gain = |feature: &usize| covariances.row(*feature).norm_squared() / rest[*feature];
+            let is_open = |feature: &&usize| rest[**feature] > NOISE / 2.0 && !chosen.contains(feature);
+            let open = self.candidates.iter().filter(is_open).copied();
             let Some(best) = open.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
             let mut factor = self.gram.column(best).into_owned();
             for known in &factors {
                 factor.axpy(-known[best], known, 1.0);
             }
             factor /= rest[best].sqrt();
-            covariance.axpy(-covariance[best] / rest[best].sqrt(), &factor, 1.0);
+            for mut column in covariances.column_iter_mut() {
+                column.axpy(-column[best] / rest[best].sqrt(), &factor, 1.0);
+            }
             rest.zip_apply(&factor, |rest, own| *rest -= own * own);
             factors.push(factor);
             chosen.push(best);

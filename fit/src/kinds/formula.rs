@@ -37,6 +37,12 @@ fn multiplied(features: usize) -> usize {
     features.min(MAX_MULTIPLIED)
 }
 
+/// Returns the number of products of so many features.
+pub fn products(features: usize) -> usize {
+    let multiplied = multiplied(features);
+    multiplied * (multiplied + 1) / 2
+}
+
 impl Formula {
     fn affine(weights: Vec<f64>, offset: f64) -> Self {
         let degrees_of_freedom = weights.len();

@@ -20,11 +20,21 @@ use memory::Kernel;
 
 pub type Fitted = Box<dyn Predictor>;
 
+#[derive(Clone, Copy)]
 pub struct Kind {
     pub name: &'static str,
     pub form: Form,
     pub limits: Limits,
     pub fit: Fit,
+}
+
+impl Kind {
+    /// Takes fewer features, but at least one, if the formula of all has more than so many bytes.
+    pub fn within(mut self, bytes: usize) -> Self {
+        let fits = |features: &usize| self.form.formula_bytes(*features).is_none_or(|needed| needed <= bytes);
+        self.limits.features = (1..=self.limits.features).rev().find(fits).unwrap_or(1);
+        self
+    }
 }
 
 pub trait Predictor: Send + Sync {
@@ -41,6 +51,10 @@ pub trait Predictor: Send + Sync {
         None
     }
 }
+
+/// What a number, and the index of a feature, take on a board.
+pub const NUMBER_BYTES: usize = 4;
+pub const INDEX_BYTES: usize = 2;
 
 /// The function that a model computes. Simpler forms compare as less.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
@@ -61,6 +75,12 @@ pub enum Form {
 }
 
 impl Form {
+    /// Returns the bytes of a formula with so many features, or `None` if the form is no formula.
+    fn formula_bytes(self, features: usize) -> Option<usize> {
+        let products = if self == Self::Quadratic { formula::products(features) } else { 0 };
+        self.is_formula().then(|| NUMBER_BYTES * (1 + features + products) + INDEX_BYTES * features)
+    }
+
     pub fn is_formula(self) -> bool {
         !matches!(self, Self::HiddenLayer | Self::Large)
     }

@@ -76,7 +76,7 @@ pub fn run(options: &Options) -> Result<()> {
     let sets: Vec<String> = options.sets.iter().map(|path| path.display().to_string()).collect();
     let before = file.made_by.split(TUNED_BY).next().unwrap_or_default();
     file.made_by = format!("{before}{TUNED_BY}{}", sets.join(" "));
-    output::write(&options.out, toml::to_string(&file)?)
+    output::write_model(&options.out, &file)
 }
 
 fn people(options: &Options, model: &Model) -> Result<Vec<RawFaces>> {

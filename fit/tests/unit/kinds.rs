@@ -95,3 +95,12 @@ fn kinds_predict_what_scikit_learn_predicts() {
         }
     }
 }
+
+#[test]
+fn a_formula_takes_as_many_features_as_its_bytes_allow() {
+    for (name, bytes, features) in
+        [("ols", 100, 16), ("poly", 100, 5), ("poly", 1, 1), ("ols", usize::MAX, 64), ("knn", 1, 24)]
+    {
+        assert_eq!(named(name).within(bytes).limits.features, features, "{name} in {bytes} bytes");
+    }
+}

@@ -1,5 +1,7 @@
+use std::fs;
+
 use facewire_face::Landmarks;
-use facewire_face::model::{FeatureId, ModelFile};
+use facewire_face::model::FeatureId;
 use facewire_face::stages::{Features, normalise};
 use facewire_fit::compare::Split;
 use facewire_fit::compare::choice::*;
@@ -9,6 +11,7 @@ use facewire_fit::dataset::Sample;
 use facewire_fit::faces::{Faces, estimates};
 use facewire_fit::kinds;
 use facewire_fit::kinds::Form;
+use facewire_fit::output;
 
 use crate::curves::test_clip;
 use crate::dataset::sample;
@@ -63,9 +66,10 @@ fn choice(trial: &Trial) -> Choice {
 fn solver_gives_what_every_exported_kind_gives_on_a_tracked_clip() {
     let samples = samples();
     let split = Split::new(&samples, 2, true).unwrap();
+    let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
     let cases = [true, false].map(|known| Faces::new(&samples, known).unwrap());
     let trials = cases.each_ref().map(|faces| {
-        let runner = Trials::new(faces, &split);
+        let runner = Trials::new(faces, &split, None);
         let ranks = runner.rank(JAW_OPEN, 30);
         let kinds = kinds::ALL.iter().filter(|kind| kind.form.is_formula());
         let tried = kinds.flat_map(|kind| runner.run_kind(kind, JAW_OPEN, &ranks).unwrap());
@@ -74,7 +78,11 @@ fn solver_gives_what_every_exported_kind_gives_on_a_tracked_clip() {
     assert_eq!(trials[0].len(), 4 * 3 + 2 + 3, "kinds with their responses");
     for (known, unknown) in trials[0].iter().zip(&trials[1]) {
         let file = model_file(&[choice(known)], &[choice(unknown)], String::new(), String::new()).unwrap();
-        let model = ModelFile::parse(&toml::to_string(&file).unwrap()).unwrap().to_model().unwrap();
+        output::write_model(&path, &file).unwrap();
+        let lines = fs::read_to_string(&path).unwrap();
+        let jaws = lines.lines().filter(|line| line.starts_with("jawOpen = { kind = ") && line.contains(" xi = "));
+        assert_eq!(jaws.count(), 2, "a line for each case: {lines}");
+        let model = output::read_model(&path).unwrap().to_model().unwrap();
         for (trial, faces) in [known, unknown].into_iter().zip(&cases) {
             let solved = estimates(&model, faces, &split.held_out).unwrap();
             let differences = solved[JAW_OPEN].iter().zip(&trial.predictions).map(|(one, other)| (one - other).abs());

@@ -73,15 +73,19 @@ impl Default for Face {
 /// Follows faces from picture to picture.
 ///
 /// With [`Options::max_faces`] above 1, a face that is new in the picture begins with a history of its own, unless it looks
-/// like one that has left: then its neutral face and its profile come back. Who has been away longest is forgotten when memory
-/// for another face is needed. With one face, all history is that of the wearer, and a stranger who stays is noticed within
+/// like one that has left: then its neutral face and its profile come back. One more person than [`Options::max_faces`] is
+/// remembered. When memory for another one is needed, who was seen for less than half a second is forgotten first, and then
+/// who has been away longest. Nobody notices when somebody else takes the place of a face from one picture to the next. With
+/// one face, all history is that of the wearer, and a stranger who stays is noticed within
 /// some seconds, as by the service.
 pub struct FaceTracker {
     detector: Detector,
     seats: Vec<Seat>,
-    /// One for each seat. The first one has the profile.
+    /// One for each seat, and with several seats one more. The first one has the profile.
     people: Vec<Person>,
     profile: Profile,
+    /// The time of the last picture.
+    last_us: u64,
     horizontal_fov_deg: f32,
     is_for_stills: bool,
     pictures_since_search: u32,
@@ -106,6 +110,8 @@ struct Person {
     solver: Solver,
     wearer: Wearer,
     seen_us: u64,
+    /// Whether this is memory that nobody has had yet.
+    is_free: bool,
 }
 
 impl FaceTracker {
@@ -122,12 +128,14 @@ impl FaceTracker {
         let person = |model| {
             let mut solver = Solver::new(model, Profile::default(), options.shaping.clone());
             solver.neutral_mode = options.neutral;
-            Person { solver, wearer: Wearer::default(), seen_us: 0 }
+            Person { solver, wearer: Wearer::default(), seen_us: 0, is_free: true }
         };
+        let people = if options.max_faces > 1 { options.max_faces + 1 } else { 1 };
         let mut tracker = Self {
             detector: Detector::load(engine)?,
             seats: (0..options.max_faces).map(seat).collect::<Result<_, _>>()?,
-            people: iter::repeat_n(model, options.max_faces).map(person).collect(),
+            people: iter::repeat_n(model, people).map(person).collect(),
+            last_us: 0,
             profile: options.profile.clone(),
             horizontal_fov_deg: options.horizontal_fov_deg,
             is_for_stills: options.stills,
@@ -155,6 +163,7 @@ impl FaceTracker {
         let camera = Camera::new(picture.size_px(), self.horizontal_fov_deg);
         let camera = if picture.rotation().is_sideways() { camera.on_its_side() } else { camera };
         let time_us = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
+        self.pass_time(time_us);
         self.search(picture)?;
         for seat in &mut self.seats {
             seat.find(picture)?;
@@ -174,6 +183,13 @@ impl FaceTracker {
     /// The faces in the last picture.
     pub fn faces(&self) -> impl Iterator<Item = &Face> {
         self.seats.iter().filter(|seat| seat.is_seen).map(|seat| &seat.face)
+    }
+
+    /// Moves on to the time of a picture. If the clock went back, those who are away stay away for as long as they have been.
+    fn pass_time(&mut self, time_us: u64) {
+        let back_us = self.last_us.saturating_sub(time_us);
+        self.people.iter_mut().for_each(|person| person.seen_us = person.seen_us.saturating_sub(back_us));
+        self.last_us = time_us;
     }
 
     /// Forgets all faces, what was learned of them and their profiles, but that of the first face. The options remain.
@@ -197,10 +213,12 @@ impl FaceTracker {
     }
 
     /// Replaces the profile of the person whose face has this [`id`](Face::id), until that person is forgotten. The
-    /// coefficients do not jump. Returns whether there is such a face in the last picture.
+    /// coefficients do not jump. Returns whether there is such a face in the last picture. With [`Options::for_stills`] nobody
+    /// is remembered, and there is none.
     #[must_use = "the face may have left the picture"]
     pub fn set_profile_of(&mut self, id: u64, profile: &Profile) -> bool {
-        let seat = self.seats.iter().find(|seat| seat.is_seen && seat.face.id == id);
+        let is_meant = |seat: &&Seat| seat.is_seen && seat.face.id == id && !self.is_for_stills;
+        let seat = self.seats.iter().find(is_meant);
         let person = seat.and_then(|seat| self.people.get_mut(seat.person));
         person.map(|person| person.solver.set_profile(profile.clone())).is_some()
     }
@@ -281,11 +299,13 @@ impl FaceTracker {
         most_alike.filter(|(_, strangeness)| *strangeness <= 1.0).map(|(place, _)| place)
     }
 
-    /// The place of a person who is new: one that is free, or that of who has been away longest. The first one is given up
-    /// last, because of its profile.
+    /// The place of a person who is new: one that is free, or that of somebody who was hardly seen, or that of who has been away
+    /// longest. The first one is given up last, because of its profile.
     fn stranger(&self) -> Option<usize> {
-        let rank =
-            |(place, person): &(usize, &Person)| person.wearer.is_known().then_some((*place == 0, person.seen_us));
+        let rank = |(place, person): &(usize, &Person)| {
+            let is_known = person.wearer.is_known() || person.solver.profile.neutral.is_some();
+            (!person.is_free).then_some((is_known, *place == 0, person.seen_us))
+        };
         self.away().min_by_key(rank).map(|(place, _)| place)
     }
 }
@@ -296,16 +316,15 @@ impl Person {
         self.solver.forget();
         self.solver.profile = Profile::default();
         self.wearer.forget();
+        self.is_free = true;
     }
 
     /// Begins with a face of which nothing is known. A profile that nobody has had yet is that of this face.
     fn begin(&mut self, time_us: u64) {
-        if self.wearer.is_known() {
+        if !self.is_free {
             self.forget();
-        } else {
-            self.solver.forget();
-            self.wearer.forget();
         }
+        self.is_free = false;
         self.seen_us = time_us;
     }
 

@@ -157,8 +157,8 @@ fn films_of_people_who_come_and_go_give_the_bits_of_the_service() {
 fn nothing_is_allocated_while_faces_are_followed_lost_and_found() {
     let mut tracker = Options::default().max_faces(2).open().unwrap();
     let empty = vec![128; SIZE[0] * SIZE[1]];
-    play(60, |picture, time| {
-        let is_face = time < Duration::from_secs(1);
+    play(90, |picture, time| {
+        let is_face = !(Duration::from_secs(1)..Duration::from_millis(1500)).contains(&time);
         let empty = Format::Grey.picture(&empty, SIZE).unwrap();
         let mut is_seen = false;
         let allocated = allocation_counter::measure(|| {

@@ -155,7 +155,10 @@ impl FaceTracker {
             return Err(PyValueError::new_err("these faces have different ids; give those of one id"));
         }
         if !tracker.set_profile_of(id, &profile) {
-            let message = format!("face {id} is not in the last picture; give faces that have the id of one that is");
+            let message = format!(
+                "face {id} is not in the last picture; give faces that have the id of one that is. With stills=True and \
+                 several faces, no neutral face is kept"
+            );
             return Err(PyValueError::new_err(message));
         }
         Ok(())

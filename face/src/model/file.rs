@@ -68,7 +68,7 @@ const WITHOUT_MODEL: &str = "tongueOut";
 /// neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
 ///
 /// [gaze.offsets]              # may be missing: the map from points of the eyes to yaw and pitch in degrees
-/// neutral_known = [0.0, 0.1]
+/// neutral_known = [0.0, 0.1]  # not used: the map is measured from the mean of many people
 /// neutral_unknown = [0.2, 1.0]
 ///
 /// [gaze.inputs.x468]          # the mean of a feature over neutral faces, and its weights

@@ -11,7 +11,7 @@ const LANES: usize = 8;
 
 impl Cases<FormulaSet> {
     pub(super) fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let set = if features.known.mean() >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
+        let set = if features.known.lower >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
         // The values of the inputs with mean 0 and deviation 1.
         let mut standardised = [0.0; FEATURES];
         for (value, input) in standardised.iter_mut().zip(&set.inputs) {

@@ -76,7 +76,7 @@ impl Gaze {
 impl GazeLayer {
     /// Returns the turns to the person's left and upwards that the map sees, degrees.
     pub(super) fn process(&self, features: &Features) -> [f32; 2] {
-        let mut turns_deg = towards(self.offsets.neutral_unknown, self.offsets.neutral_known, features.known.upper);
+        let mut turns_deg = self.offsets.neutral_unknown;
         for input in &self.inputs {
             let value = features.displacement(input.feature, input.neutral);
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);

@@ -7,7 +7,6 @@
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::features::{Features, Reference};
-use super::halves::Halves;
 use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
@@ -32,6 +31,15 @@ impl Model {
         Self { gaze, eyes, ..formulas }
     }
 
+    /// Returns what the model can measure from: a formula, in its choice of features, does not heed where the halves of a face
+    /// are, so that the upper half counts only as far as the lower one is known.
+    pub(crate) fn reference_for<'a>(&self, reference: Reference<'a>) -> Reference<'a> {
+        match self.regression {
+            Regression::HiddenLayer(_) => reference,
+            Regression::Formulas(_) => reference.of_lower_half(),
+        }
+    }
+
     /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
     pub(crate) fn solve(
         &self,
@@ -40,15 +48,11 @@ impl Model {
         reference: Reference,
     ) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
-            (Regression::Formulas(_), Some(_)) if reference.known != Halves::both(1.0) => {
+            // Both halves are known alike: `reference_for` sees to it.
+            (Regression::Formulas(_), Some(_)) if reference.known.lower < 1.0 => {
                 let unknown = self.process(&Features::new(face, Reference::MEAN))?;
-                let share = reference.known.lower;
-                if share == 0.0 {
-                    // There may be no neutral face of the lower half yet.
-                    return Ok(unknown);
-                }
                 let known = self.process(&Features::new(face, reference.neutral))?;
-                Ok(Coefficients(towards(unknown.0, known.0, share)))
+                Ok(Coefficients(towards(unknown.0, known.0, reference.known.lower)))
             }
             _ => self.process(features),
         }
@@ -124,6 +128,7 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
+    use crate::solve::halves::Halves;
     use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
     use crate::track::Face;

@@ -180,7 +180,8 @@ impl Solver {
         let counts = view.counts();
         let face = normalise(landmarks)?;
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
-        let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
+        let reference = calibrated.unwrap_or_else(|| self.estimated());
+        let known = reference.known;
         let features = Features::new(&face, reference);
         let turns_deg = self.model.map_of_gaze(&face);
         let mut raw = self.raw(&face, &features, reference, appearance)?;
@@ -203,7 +204,7 @@ impl Solver {
             mode => mode,
         };
         if calibrated.is_none() {
-            self.history.estimate.update(neutral_mode, &face, &raw, step_s);
+            self.history.estimate.update(neutral_mode, &face, &raw, known, step_s);
         }
         if let Some(turns_deg) = turns_deg.filter(|_| is_whole) {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
@@ -238,18 +239,26 @@ impl Solver {
         reference: Reference,
         appearance: Option<&Appearance>,
     ) -> Result<Coefficients, SolveError> {
-        let mut raw = self.regress(face, features, reference, appearance, Half::Upper)?;
-        if reference.known.upper > reference.known.lower {
-            // What is known of eyes and brows alone would mislead the regression of the mouth.
-            let reference = reference.of_lower_half();
-            let lower = self.regress(face, &Features::new(face, reference), reference, appearance, Half::Lower)?;
-            for (place, (value, lower)) in raw.0.iter_mut().zip(lower.0).enumerate() {
-                if half_of(place) == Half::Lower {
-                    *value = lower;
-                }
+        let upper = self.regress(face, features, reference, appearance, Half::Upper);
+        if reference.known.upper <= reference.known.lower {
+            return upper;
+        }
+        // What is known of eyes and brows alone would mislead the regression of the mouth.
+        let reference = reference.of_lower_half();
+        let mut raw = self.regress(face, &Features::new(face, reference), reference, appearance, Half::Lower)?;
+        // If it misleads it beyond all bounds, nothing is taken from it.
+        let upper = upper.unwrap_or(raw);
+        for (place, (value, upper)) in raw.0.iter_mut().zip(upper.0).enumerate() {
+            if half_of(place) == Half::Upper {
+                *value = upper;
             }
         }
         Ok(raw)
+    }
+
+    /// The estimated neutral face, as far as the model can measure from it.
+    fn estimated(&self) -> Reference<'_> {
+        self.model.reference_for(self.history.estimate.reference())
     }
 
     /// Computes the coefficients of a half of the face. Those of the other half count only if both are known alike.
@@ -288,7 +297,7 @@ impl Solver {
     /// Share of the estimated neutral face in the reference, from 0 to 1, in the mean of the upper and the lower half of the face.
     /// It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
-        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.reference().known.mean() }
+        if self.profile.neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
     }
 
     /// How often the estimate was forgotten, because another person sat down.

@@ -34,6 +34,7 @@ export const NAMES = {
   "networks.folder": "Folder of the networks",
   "engine": "Engine",
   "threads": "Threads",
+  "solver.method": "Method",
   "model": "File of the model",
   "lids": "Filter of the lids",
   "lids_ms": "Time of the lids' filter",

@@ -7,6 +7,7 @@
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::features::{Features, Reference};
+use super::halves::{Halves, half_of};
 use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
@@ -70,6 +71,15 @@ impl Model {
     /// Computes what the look of a face adds to the regression, or `None` if it is not known or the model does not read it.
     /// `known` is the share of the wearer's neutral face in the reference. Does not allocate.
     pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
+        self.residual_by_halves(appearance, Halves::both(known))
+    }
+
+    /// The same for a neutral face whose halves are known unlike.
+    pub(crate) fn residual_by_halves(
+        &self,
+        appearance: Option<&Appearance>,
+        known: Halves<f32>,
+    ) -> Result<Option<Coefficients>, SolveError> {
         let both = self.appearance.as_ref().zip(appearance);
         both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
     }
@@ -100,18 +110,25 @@ impl HiddenLayer {
 }
 
 impl AppearanceLayer {
-    fn process(&self, appearance: &Appearance, share: f32) -> [f32; COEFFS] {
+    fn process(&self, appearance: &Appearance, shares: Halves<f32>) -> [f32; COEFFS] {
         let mut hidden = [0.0; APPEARANCE_UNITS];
         add_byte_rows(&mut hidden, self.weights.as_chunks().0, appearance.skin.as_flattened());
         for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
             *unit = *unit * scale + offset;
         }
         let Cases { neutral_known: known, neutral_unknown: unknown } = &self.outputs;
-        match share {
-            0.0 => unknown.process(&hidden),
-            1.0 => known.process(&hidden),
-            share => towards(unknown.process(&hidden), known.process(&hidden), share),
+        if shares.upper == 0.0 {
+            return unknown.process(&hidden);
         }
+        let known = known.process(&hidden);
+        if shares == Halves::both(1.0) {
+            return known;
+        }
+        let mut out = unknown.process(&hidden);
+        for (place, (value, known)) in out.iter_mut().zip(known).enumerate() {
+            *value += shares.of(half_of(place)) * (known - *value);
+        }
+        out
     }
 }
 
@@ -128,7 +145,6 @@ impl Output {
 mod tests {
     use super::*;
     use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
-    use crate::solve::halves::Halves;
     use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise, plausible::JAW_OPEN};
     use crate::testing::face;
     use crate::track::Face;

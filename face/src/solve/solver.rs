@@ -239,40 +239,28 @@ impl Solver {
         reference: Reference,
         appearance: Option<&Appearance>,
     ) -> Result<Coefficients, SolveError> {
-        let upper = self.regress(face, features, reference, appearance, Half::Upper);
-        if reference.known.upper <= reference.known.lower {
-            return upper;
-        }
-        // What is known of eyes and brows alone would mislead the regression of the mouth.
-        let reference = reference.of_lower_half();
-        let mut raw = self.regress(face, &Features::new(face, reference), reference, appearance, Half::Lower)?;
-        // If it misleads it beyond all bounds, nothing is taken from it.
-        let upper = upper.unwrap_or(raw);
-        for (place, (value, upper)) in raw.0.iter_mut().zip(upper.0).enumerate() {
-            if half_of(place) == Half::Upper {
-                *value = upper;
+        let raw = if reference.known.upper > reference.known.lower {
+            // What is known of eyes and brows alone would mislead the regression of the mouth.
+            let alike = reference.of_lower_half();
+            let mut raw = self.model.solve(face, &Features::new(face, alike), alike)?;
+            // If it misleads it beyond all bounds, nothing is taken from it.
+            let upper = self.model.solve(face, features, reference).unwrap_or(raw);
+            for (place, (value, upper)) in raw.0.iter_mut().zip(upper.0).enumerate() {
+                if half_of(place) == Half::Upper {
+                    *value = upper;
+                }
             }
-        }
-        Ok(raw)
+            raw
+        } else {
+            self.model.solve(face, features, reference)?
+        };
+        let residual = self.model.residual_by_halves(appearance, reference.known)?;
+        Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
     }
 
     /// The estimated neutral face, as far as the model can measure from it.
     fn estimated(&self) -> Reference<'_> {
         self.model.reference_for(self.history.estimate.reference())
-    }
-
-    /// Computes the coefficients of a half of the face. Those of the other half count only if both are known alike.
-    fn regress(
-        &self,
-        face: &Normalised,
-        features: &Features,
-        reference: Reference,
-        appearance: Option<&Appearance>,
-        half: Half,
-    ) -> Result<Coefficients, SolveError> {
-        let raw = self.model.solve(face, features, reference)?;
-        let residual = self.model.residual(appearance, reference.known.of(half))?;
-        Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
     }
 
     /// Forgets the wearer and all frames, but not the profile. Does not allocate.

@@ -35,8 +35,8 @@
 //!   of the program, with the feature `built-in`.
 //! - Coefficients are those that the service facewire would send, to the last bit, if the settings are the same.
 //!
-//! The crate follows semantic versioning. A test compares its public interface with `library/public-api.txt`, so that it does
-//! not change unseen. Names from `facewire-face` that are not exported here are no part of it.
+//! The crate follows semantic versioning. `scripts/test` compares its public interface with `library/public-api.txt`, so that
+//! it does not change unseen. Names from `facewire-face` that are not exported here are no part of it.
 
 mod error;
 mod format;

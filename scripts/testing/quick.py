@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 WORKBENCH = "facewire-fit"
 # The tests that take longest: a minute of faults and other loads in real time, the service behind the console in a browser, a
 # second compiler, and sketches of boards.
-LONG = ("avr", "heads", "impairments", "memory", "overload", "public_api", "sketches", "soak")
+LONG = ("avr", "heads", "impairments", "memory", "overload", "sketches", "soak")
 
 
 def targets(packages, names):

@@ -235,7 +235,7 @@ class Crates(unittest.TestCase):
         # The tests of the service start the tools, too.
         self.assertTrue(chosen >= {"service", "tracker", "facewire-tools", *proof.READS_ALL}, chosen)
         self.assertFalse(chosen & set(quick.LONG))
-        self.assertEqual(quick.left_out(self.packages, names), ["impairments", "memory", "overload", "public_api", "soak"])
+        self.assertEqual(quick.left_out(self.packages, names), ["impairments", "memory", "overload", "soak"])
         known = {target["name"] for package in self.packages.values() for target in package["targets"]}
         self.assertTrue(known >= {*quick.LONG, *proof.READS_ALL})
 

@@ -75,9 +75,9 @@ impl Default for Face {
 /// With [`Options::max_faces`] above 1, a face that is new in the picture begins with a history of its own, unless it looks
 /// like one that has left: then its neutral face and its profile come back. One more person than [`Options::max_faces`] is
 /// remembered. When memory for another one is needed, who was seen for less than half a second is forgotten first, and then
-/// who has been away longest. Nobody notices when somebody else takes the place of a face from one picture to the next. With
-/// one face, all history is that of the wearer, and a stranger who stays is noticed within
-/// some seconds, as by the service.
+/// who has been away longest. Nobody notices when somebody else takes the place of a face from one picture to the next.
+///
+/// With one face, all history is that of the wearer, and a stranger who stays is noticed within some seconds, as by the service.
 pub struct FaceTracker {
     detector: Detector,
     seats: Vec<Seat>,

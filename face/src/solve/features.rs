@@ -84,8 +84,8 @@ impl Features {
         let Reference { neutral, known } = reference.into();
         let mut measures = measure(&face.points);
         if let Some(neutral) = neutral {
-            for ((value, rest), half) in measures.iter_mut().zip(neutral.measures.iter()).zip(HALF_OF_MEASURE) {
-                *value -= known.of(half) * rest;
+            for ((value, rest), half) in measures.iter_mut().zip(neutral.measures.iter()).zip(&HALF_OF_MEASURE) {
+                *value -= known.of(*half) * rest;
             }
         }
         let mut values = [0.0; FEATURES];

@@ -165,12 +165,14 @@ impl NeutralEstimate {
         for (place, (output, rest)) in outputs.iter_mut().zip(&self.outputs).enumerate() {
             *output += known.of(half_of(place)) * rest;
         }
-        let measures = measure(&face.points);
         let passed = Halves {
             upper: self.halves.upper.learn(face, &outputs, Half::Upper, dt_s),
             lower: self.halves.lower.learn(face, &outputs, Half::Lower, dt_s),
         };
-        approach_by_halves(&mut self.mean, &measures, passed);
+        if passed == Halves::default() {
+            return;
+        }
+        approach_by_halves(&mut self.mean, &measure(&face.points), passed);
         for (place, (mean, output)) in self.outputs.iter_mut().zip(outputs).enumerate() {
             *mean += passed.of(half_of(place)) * (output - *mean);
         }
@@ -191,7 +193,8 @@ impl NeutralEstimate {
         let upper_passed = upper.follow(if is_wanted { deserved } else { 0.0 }, dt_s);
         let deserved = lower.deserved(&self.outputs, Half::Lower);
         let lower_passed = lower.follow(if is_wanted { deserved.min(upper.share) } else { 0.0 }, dt_s);
-        self.is_fading &= upper.share > 0.0 || lower.share > 0.0;
+        // The lower share is never larger.
+        self.is_fading &= upper.share > 0.0;
         if is_wanted {
             approach_by_halves(
                 &mut self.used.measures,
@@ -233,8 +236,8 @@ impl Learned {
 
 /// Moves measures towards others, those of each half by a share of the difference.
 fn approach_by_halves(measures: &mut [f32; MEASURES], to: &[f32; MEASURES], shares: Halves<f32>) {
-    for ((value, to), half) in measures.iter_mut().zip(to).zip(HALF_OF_MEASURE) {
-        *value += shares.of(half) * (to - *value);
+    for ((value, to), half) in measures.iter_mut().zip(to).zip(&HALF_OF_MEASURE) {
+        *value += shares.of(*half) * (to - *value);
     }
 }
 

@@ -75,7 +75,8 @@ impl Default for Face {
 /// With [`Options::max_faces`] above 1, a face that is new in the picture begins with a history of its own, unless it looks
 /// like one that has left: then its neutral face and its profile come back. One more person than [`Options::max_faces`] is
 /// remembered. When memory for another one is needed, who was seen for less than half a second is forgotten first, and then
-/// who has been away longest. Nobody notices when somebody else takes the place of a face from one picture to the next.
+/// who has been away longest. If another person takes the place of a face from one picture to the next, the face keeps its
+/// identifier and profile.
 ///
 /// With one face, all history is that of the wearer, and a stranger who stays is noticed within some seconds, as by the service.
 pub struct FaceTracker {
@@ -299,8 +300,9 @@ impl FaceTracker {
         most_alike.filter(|(_, strangeness)| *strangeness <= 1.0).map(|(place, _)| place)
     }
 
-    /// The place of a person who is new: one that is free, or that of somebody who was hardly seen, or that of who has been away
-    /// longest. The first one is given up last, because of its profile.
+    /// Chooses a place for a new person: a free one, else that of a person who was hardly seen and has no calibrated neutral
+    /// face, else that of any other person who is away. In each group, the one who left earliest is chosen, and the first
+    /// place, which may have the profile, comes last.
     fn stranger(&self) -> Option<usize> {
         let rank = |(place, person): &(usize, &Person)| {
             let is_known = person.wearer.is_known() || person.solver.profile.neutral.is_some();

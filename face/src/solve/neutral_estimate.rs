@@ -206,7 +206,7 @@ impl NeutralEstimate {
 }
 
 impl Learned {
-    /// Judges a frame, and returns which share of the way from the mean to this frame the mean moves.
+    /// Judges a frame, and returns its weight in the new mean, from 0 to 1.
     fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], half: Half, dt_s: f32) -> f32 {
         let weight_s = self.watch.weight(face, outputs, half, dt_s) * dt_s;
         if weight_s <= 0.0 {
@@ -222,7 +222,7 @@ impl Learned {
         self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * (1.0 - ratio * ratio).max(0.0)
     }
 
-    /// Moves the share towards the one that is wanted, and returns which share of the way to the mean the face in use moves.
+    /// Moves the share towards the one that is wanted, and returns the weight of the mean in the new face in use, from 0 to 1.
     fn follow(&mut self, wanted: f32, dt_s: f32) -> f32 {
         let has_begun = self.share > 0.0;
         self.share = wanted.clamp(self.share - FALL_PER_S * dt_s, self.share + RISE_PER_S * dt_s).max(0.0);
@@ -273,7 +273,8 @@ const CALM_S: f32 = 0.8;
 /// square of all outputs is at most 0.15 at rest, and rarely below 0.4 otherwise; brows of real people differ more at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct RestWatch {
-    /// The outputs now, and those of the recent past. Those of the lids are left out: they move in a face at rest, too.
+    /// The outputs of this half now, and those of the recent past. Gaze and blinks are left out: they change in a face at
+    /// rest, too.
     averages: Option<[[f32; COEFFS]; 2]>,
     motion: f32,
 }

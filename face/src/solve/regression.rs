@@ -32,8 +32,8 @@ impl Model {
         Self { gaze, eyes, ..formulas }
     }
 
-    /// Returns what the model can measure from: a formula, in its choice of features, does not heed where the halves of a face
-    /// are, so that the upper half counts only as far as the lower one is known.
+    /// Returns the reference that this model can use. A formula may mix features of both halves of the face, so with formulas
+    /// the upper half counts only as far as the lower half is known.
     pub(crate) fn reference_for<'a>(&self, reference: Reference<'a>) -> Reference<'a> {
         match self.regression {
             Regression::HiddenLayer(_) => reference,

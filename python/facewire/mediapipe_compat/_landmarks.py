@@ -49,7 +49,8 @@ class Landmarks(Sequence):  # type: ignore[type-arg]
         return (self._made(point) for point in self._points.tolist())
 
     def _made(self, point: Any) -> NormalizedLandmark:
-        return NormalizedLandmark(*point, visibility=self._unset, presence=self._unset)
+        x, y, z = point
+        return NormalizedLandmark(x, y, z, self._unset, self._unset)
 
 
 class NormalizedLandmarkList:

@@ -8,7 +8,7 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 NETWORKS = """The networks in the extension module are those of face detection and of the face mesh in MediaPipe 0.10.14,
 https://github.com/google-ai-edge/mediapipe. They were converted: the face mesh was cut into four networks, and all were written in
-the file format of facewire's own engine. The lists of edges in mediapipe_compat/_connections.py are MediaPipe's, too.
+the file format of facewire's own engine. The lists of edges in facewire/_connections.py are MediaPipe's, too.
 Copyright 2020-2024 The MediaPipe Authors, Apache License 2.0 (below)."""
 
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use facewire_library::{Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use crate::exception;
 use crate::face::Face;
@@ -170,6 +171,22 @@ impl FaceTracker {
         state.tracker.reset();
         state.times = Times::default();
         Ok(())
+    }
+
+    /// Until the next `reset`, times are in seconds beyond doubt, however far apart they are.
+    fn _trust_times(&self) -> PyResult<()> {
+        self.lock()?.times.trust();
+        Ok(())
+    }
+
+    /// At the end of a `with`, the tracker forgets everything, as by `reset`.
+    fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_error))]
+    fn __exit__(&self, _error: &Bound<'_, PyTuple>) -> PyResult<()> {
+        self.reset()
     }
 }
 

@@ -1,5 +1,6 @@
 """The promises of the Python package. FACEWIRE_EXACT names a folder in which the example `exact` has written a folder for each film."""
 
+import asyncio
 import collections.abc
 import copy
 import csv
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import threading
 import time
+import types
 import unittest
 import unittest.mock
 
@@ -77,6 +79,41 @@ def write_film(path, times_ms, quarters):
     matrix = [cosine << 16, sine << 16, 0, -sine << 16, cosine << 16, 0, 0, 0, 1 << 30]
     struct.pack_into(">9i", content, content.index(b"tkhd") + 44, *matrix)
     pathlib.Path(path).write_bytes(content)
+
+
+class Camera:
+    """Stands in for OpenCV, whose camera shows these pictures and is pulled out then."""
+
+    CAP_V4L2 = 200
+
+    def __init__(self, pictures):
+        self.left, self.opened, self.released = iter(pictures), None, threading.Event()
+        self.has_shown_all = threading.Event()
+
+    def VideoCapture(self, source, kind):
+        """Opens the camera."""
+        self.opened = source, kind
+        return self
+
+    def read(self):
+        """Returns the next picture."""
+        for picture in self.left:
+            return True, picture
+        self.has_shown_all.set()
+        return False, None
+
+    def release(self):
+        """Lets go of the camera."""
+        self.released.set()
+
+    def plugged(self):
+        """Plugs it in."""
+        return unittest.mock.patch.dict(sys.modules, {"cv2": self})
+
+
+def of_film(pictures):
+    """Has a video show these pictures, each with its time."""
+    return unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures))
 
 
 def send_back(face, queue):
@@ -300,7 +337,7 @@ class Results(unittest.TestCase):
     def test_a_video_of_two_people_is_tracked_with_both_and_one_of_one_person_as_before(self):
         pair = [numpy.hstack([bgr(number), bgr(number + 20)]) for number in range(4)]
         pictures = [(number / 30, picture) for number, picture in enumerate([*pair, numpy.zeros_like(PICTURE)])]
-        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+        with of_film(pictures):
             both = list(facewire.track(DEMO, max_faces=2))
             first = list(facewire.track(DEMO))
         self.assertEqual([len(frame.faces) for frame in both], [2, 2, 2, 2, 0])
@@ -389,7 +426,7 @@ class Times(unittest.TestCase):
         pictures = [(time_s, PICTURE) for time_s in (2.0, 2.5, 3.0, 1.0, 1.25, 1.5)]
         tracker = facewire.FaceTracker()
         tracker.process(PICTURE)
-        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+        with of_film(pictures):
             first, second = (list(facewire.track(DEMO, tracker)) for _ in range(2))
         for frames in (first, second):
             self.assertEqual([frame.time_s for frame in frames], [0.0, 0.5, 1.0, 1.0, 1.25, 1.5])
@@ -398,14 +435,333 @@ class Times(unittest.TestCase):
 
     def test_the_pictures_of_a_video_may_be_any_time_apart(self):
         pictures = [(10.0 * number, PICTURE) for number in range(8)]
-        with unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures)):
+        with of_film(pictures):
             frames = list(facewire.track(DEMO))
         self.assertEqual([frame.time_s for frame in frames], [time_s for time_s, _ in pictures])
+
+    def test_a_tracker_is_given_the_true_times_of_a_video_with_gaps(self):
+        pictures = [(time_s, PICTURE) for time_s in (3.0, 3.04, 9.0, 500.0)]
+        tracker = unittest.mock.Mock(**{"process_all.return_value": []})
+        with of_film(pictures):
+            list(facewire.track(DEMO, tracker))
+        given_s = [call.args[1] for call in tracker.process_all.call_args_list]
+        numpy.testing.assert_allclose(given_s, [0.0, 0.04, 6.0, 497.0])
+
+    def test_at_the_end_of_a_with_a_tracker_is_reset(self):
+        with facewire.FaceTracker() as tracker:
+            tracker.process(PICTURE, 1.0)
+        self.assertIsNotNone(tracker.process(PICTURE, 0.5))
 
     def test_the_times_of_stills_are_not_read(self):
         tracker = facewire.FaceTracker(stills=True)
         for time_s in (3.0, 1.0, None, 1e6, 2e6, 3e6, 4e6, 5e6, 6e6):
             self.assertIsNotNone(tracker.process(PICTURE, time_s))
+
+
+class Cameras(unittest.TestCase):
+    pictures = [bgr(number) for number in range(10)]
+
+    def test_a_camera_is_tracked_by_number_or_path_with_its_pictures_until_it_is_pulled_out(self):
+        for source, opened in [(0, 0), ("/dev/null", "/dev/null")]:
+            camera, seen = Camera(self.pictures[:3]), []
+            clock = types.SimpleNamespace(monotonic=iter((5.0, 5.04, 7.5)).__next__)
+            with camera.plugged(), unittest.mock.patch("facewire._film.time", clock):
+                with self.assertRaisesRegex(facewire.FacewireError, f"camera {source} gives no pictures"):
+                    for frame in facewire.track(source, pictures=True):
+                        seen.append(frame)
+            self.assertEqual(camera.opened, (opened, Camera.CAP_V4L2))
+            self.assertTrue(camera.released.is_set())
+            numpy.testing.assert_allclose([frame.time_s for frame in seen], [0.0, 0.04, 2.5])
+            self.assertEqual([bool(frame.face) for frame in seen], [True] * 3)
+            for frame, picture in zip(seen, self.pictures):
+                self.assertIs(frame.picture, picture)
+
+    def test_frames_keep_no_picture_that_nobody_asked_for(self):
+        with of_film([(0.0, PICTURE)]):
+            (frame,) = facewire.track(DEMO)
+        self.assertIsNone(frame.picture)
+
+    def test_a_camera_is_released_at_a_break_and_at_the_end_of_a_with(self):
+        camera = Camera(self.pictures)
+        with camera.plugged():
+            for _ in facewire.track(0):
+                break
+            self.assertTrue(camera.released.is_set())
+            camera.released.clear()
+            with facewire.track(0) as frames:
+                next(frames)
+                self.assertFalse(camera.released.is_set())
+            self.assertTrue(camera.released.is_set())
+            self.assertEqual(list(frames), [])
+
+    def test_a_camera_without_opencv_is_an_error_that_says_what_to_install(self):
+        with without("cv2"), self.assertRaisesRegex(facewire.FacewireError, "install OpenCV .pip install opencv-python"):
+            next(facewire.track(0))
+
+    def consume(self, camera, taken, **options):
+        """Takes a frame, then waits until the camera has shown all, then takes what is left."""
+        async def take():
+            async for frame in facewire.track_async(0, **options):
+                taken.append(frame.number)
+                await asyncio.to_thread(camera.has_shown_all.wait)
+
+        with camera.plugged():
+            asyncio.run(take())
+
+    def test_a_slow_consumer_who_wants_all_frames_gets_ten_of_ten_in_order(self):
+        camera, taken = Camera(self.pictures), []
+        with self.assertRaisesRegex(facewire.FacewireError, "gives no pictures"):
+            self.consume(camera, taken)
+        self.assertEqual(taken, list(range(10)))
+        self.assertTrue(camera.released.is_set())
+
+    def test_a_slow_consumer_who_wants_the_newest_frame_gets_it_and_not_those_before(self):
+        camera, taken = Camera(self.pictures), []
+        with self.assertRaisesRegex(facewire.FacewireError, "gives no pictures"):
+            self.consume(camera, taken, newest=True)
+        self.assertEqual(taken[-1], 9)
+        self.assertEqual(len(taken), 1 if taken[0] == 9 else 2)
+
+    def test_a_video_waits_for_a_slow_consumer(self):
+        decoded, waits_or_has_ended = [], threading.Event()
+
+        class Room(threading.Semaphore):
+            def acquire(self):
+                if not super().acquire(blocking=False):
+                    waits_or_has_ended.set()
+                    super().acquire()
+
+        def decode_some():
+            for number in range(24):
+                decoded.append(number)
+                yield number / 30, PICTURE
+            waits_or_has_ended.set()
+
+        async def take():
+            taken = []
+            async for frame in facewire.track_async(DEMO):
+                taken.append(frame.number)
+                await asyncio.to_thread(waits_or_has_ended.wait)
+                self.assertLessEqual(len(decoded), len(taken) + 10)
+            return taken
+
+        parts = types.SimpleNamespace(Event=threading.Event, Semaphore=Room, Thread=threading.Thread)
+        with of_film(decode_some()), unittest.mock.patch("facewire._film.threading", parts):
+            self.assertEqual(asyncio.run(take()), list(range(24)))
+
+    def test_a_consumer_who_leaves_frees_the_camera_and_a_wrong_source_is_an_error(self):
+        camera = Camera(itertools.repeat(PICTURE))
+
+        async def leave():
+            frames = facewire.track_async(0)
+            async for frame in frames:
+                break
+            await frames.aclose()
+            return frame
+
+        with camera.plugged():
+            self.assertEqual(asyncio.run(leave()).number, 0)
+        self.assertTrue(camera.released.is_set())
+
+        async def take_nothing():
+            async for _ in facewire.track_async("/nonexistent.mp4"):
+                pass
+
+        with self.assertRaises(FileNotFoundError):
+            asyncio.run(take_nothing())
+
+
+class Batches(unittest.TestCase):
+    def test_a_batch_gives_the_faces_of_each_picture_in_order_whatever_it_is(self):
+        import PIL.Image
+
+        upright = PIL.Image.fromarray(numpy.ascontiguousarray(bgr(5)[:, :, ::-1]))
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, "lying.png")
+            exif = PIL.Image.Exif()
+            exif[0x0112] = 6
+            upright.transpose(PIL.Image.ROTATE_90).save(path, exif=exif)
+            nothing = numpy.zeros_like(PICTURE)
+            given = [bgr(0), upright, path, nothing, str(path), numpy.hstack([bgr(0), bgr(20)])]
+            for hidden, workers in [("cv2", 2), ("PIL", 1)]:
+                with without(hidden):
+                    # Without Pillow, its pictures are left out.
+                    pictures = given if hidden == "cv2" else [given[0], given[2]]
+                    found = list(facewire.batch(iter(pictures), workers=workers, max_faces=2))
+                wanted = [bgr(0), bgr(5), bgr(5), nothing, bgr(5), given[5]] if hidden == "cv2" else [bgr(0), bgr(5)]
+                for place, (faces, picture) in enumerate(zip(found, wanted)):
+                    expected = facewire.FaceTracker(stills=True, max_faces=2).process_all(picture)
+                    self.assertEqual(len(faces), len(expected), (hidden, place))
+                    for face, other in zip(faces, expected):
+                        self.assertEqual(face.landmarks.tobytes(), other.landmarks.tobytes(), (hidden, place))
+                        self.assertEqual(face.coefficients.tobytes(), other.coefficients.tobytes(), (hidden, place))
+                self.assertEqual(len(found), len(wanted))
+
+    def test_a_batch_reads_its_pictures_as_results_are_taken(self):
+        read = []
+
+        def pictures():
+            for number in range(30):
+                read.append(number)
+                yield PICTURE
+
+        for taken, _ in enumerate(facewire.batch(pictures(), workers=2), 1):
+            self.assertLessEqual(len(read), taken + 5)
+        self.assertEqual((taken, len(read)), (30, 30))
+
+    def test_what_is_no_picture_of_a_batch_is_an_error(self):
+        with self.assertRaisesRegex(TypeError, "give a list"):
+            facewire.batch("picture.png")
+        for hidden in ("cv2", "PIL"):
+            with without(hidden):
+                with self.assertRaises(FileNotFoundError):
+                    list(facewire.batch(["/nonexistent.png"]))
+                with self.assertRaisesRegex(facewire.FacewireError, "test_facewire.py"):
+                    list(facewire.batch([__file__]))
+        with without("cv2"), without("PIL"), self.assertRaisesRegex(facewire.FacewireError, "pip install pillow"):
+            list(facewire.batch([__file__]))
+
+
+class Drawing(unittest.TestCase):
+    face = facewire.FaceTracker(stills=True).process(PICTURE)
+    nothing = {"landmarks": False, "contours": False, "bars": False}
+
+    def drawn(self, **what):
+        """Draws parts of a face on black, and returns where something was drawn."""
+        black = numpy.zeros_like(PICTURE)
+        self.assertIs(facewire.draw(black, self.face, **{**self.nothing, **what}), black)
+        return black.any(axis=2)
+
+    def test_dots_lie_on_the_landmarks_and_lines_between_those_that_are_connected(self):
+        points = self.face.landmarks[:, :2]
+        y, x = numpy.nonzero(self.drawn(landmarks=True))
+        self.assertTrue(self.drawn(landmarks=True)[tuple(numpy.rint(points[:, ::-1]).astype(int).T)].all())
+        self.assertLess(max(numpy.hypot(*(points - pixel).T).min() for pixel in numpy.stack([x, y], axis=1)), 2)
+        lines = self.drawn(contours=True)
+        for name, edges in facewire.CONNECTIONS.items():
+            for middle in points[edges].mean(axis=1):
+                left, top = numpy.floor(middle).astype(int)
+                self.assertTrue(lines[top:top + 2, left:left + 2].any(), name)
+        self.assertFalse(self.drawn().any())
+
+    def test_a_bar_is_as_long_as_its_coefficient(self):
+        black = numpy.zeros_like(PICTURE)
+        facewire.draw(black, self.face, landmarks=False, contours=False)
+        self.assertFalse(black[:, 118:].any())
+        for row, value in enumerate(self.face.coefficients):
+            # Below the letters.
+            self.assertEqual((black[9 * row + 8, :, 0] > 0).sum(), int(118 * value + 0.5), facewire.BLENDSHAPES[row])
+            self.assertGreater((black[9 * row:9 * row + 8] == 255).all(axis=2).sum(), 30, "letters")
+
+    def test_faces_are_drawn_in_pictures_of_any_size_and_channels_and_nothing_without_a_face(self):
+        for shape in [(480, 640), (480, 640, 1), (480, 640, 4), (960, 1280, 3), (120, 160, 3), (2, 3, 3), (0, 3, 3), (300, 200, 3)]:
+            picture = numpy.zeros(shape, numpy.uint8)
+            facewire.draw(picture, self.face)
+            self.assertTrue(picture.any() or min(shape[:2]) < 100, shape)
+            before = picture.copy()
+            facewire.draw(picture, None)
+            self.assertEqual(picture.tobytes(), before.tobytes())
+        # Of a face that is partly outside of the picture, the rest is drawn as before.
+        restore, values = self.face.__reduce__()
+        moved = restore(values[0], values[1] - numpy.float32([250, 150, 0]), *values[2:])
+        whole, part = numpy.zeros_like(PICTURE), numpy.zeros_like(PICTURE[150:, 250:])
+        facewire.draw(whole, self.face, bars=False)
+        facewire.draw(part, moved, bars=False)
+        self.assertLess((part != whole[150:, 250:]).mean(), 0.001)
+        for wrong in (PICTURE.astype(float), PICTURE[None], "picture"):
+            with self.assertRaisesRegex(TypeError, "array of uint8"):
+                facewire.draw(wrong, self.face)
+
+    def test_parts_are_those_of_mediapipe_and_each_lies_where_its_name_says(self):
+        from facewire import _connections
+
+        theirs = {frozenset(edge) for edge in _connections.FACEMESH_CONTOURS | _connections.FACEMESH_IRISES}
+        for name, edges in facewire.CONNECTIONS.items():
+            ours = {frozenset(edge) for edge in edges.tolist()}
+            theirs -= ours
+            self.assertEqual({index for edge in ours for index in edge}, set(facewire.PARTS[name].tolist()), name)
+        self.assertEqual(theirs, set())
+        middle = {name: self.face.landmarks[part, :2].mean(axis=0) for name, part in facewire.PARTS.items()}
+        for part in ("eyebrow", "eye", "iris", "pupil"):
+            self.assertLess(middle[f"right_{part}"][0], middle[f"left_{part}"][0], "the face looks at the camera")
+        heights = [middle[name][1] for name in ("left_eyebrow", "left_eye", "nose_bridge", "nose_base", "outer_lips")]
+        self.assertEqual(heights, sorted(heights))
+        with self.assertRaises(ValueError):
+            facewire.PARTS["left_eye"][0] = 3
+
+    def test_the_points_that_the_document_gives_for_those_of_dlib_lie_in_dlibs_order(self):
+        document = (pathlib.Path(os.environ["FACEWIRE_SOURCE"]) / "docs" / "coming-from.md").read_text()
+        given = {}
+        exec(document.split("```python\n")[1].split("```")[0], given)
+        self.assertEqual((len(given["DLIB"]), len(set(given["DLIB"]))), (68, 68))
+        x, y = self.face.landmarks[given["DLIB"], :2].T
+        for first, end in [(1, 16), (17, 22), (22, 27), (31, 36), (48, 55), (60, 65)]:
+            self.assertEqual(sorted(x[first:end]), list(x[first:end]), "to the person's left")
+        self.assertEqual(y[:17].argmax(), 8, "the chin")
+        self.assertEqual(sorted(y[27:31]), list(y[27:31]))
+        middle = self.face.landmarks[[10, 152], 0].mean()
+        pairs = [*zip(range(8), range(16, 8, -1)), *zip(range(17, 22), range(26, 21, -1)), (31, 35), (32, 34), (36, 45), (37, 44),
+                 (38, 43), (39, 42), (40, 47), (41, 46), (48, 54), (49, 53), (50, 52), (59, 55), (58, 56), (60, 64), (61, 63), (67, 65)]
+        for right, left in pairs:
+            self.assertLess(abs(x[right] + x[left] - 2 * middle), 12, (right, left))
+            self.assertLess(abs(y[right] - y[left]), 8, (right, left))
+
+
+class Program(unittest.TestCase):
+    def run_it(self, *arguments):
+        command = [sys.executable, "-m", "facewire", *arguments]
+        return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def test_the_table_is_that_of_facewire_track(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "out.csv")
+            ran = self.run_it(DEMO, "-o", path)
+            self.assertEqual((ran.returncode, ran.stdout), (0, ""))
+            self.assertEqual(ran.stderr, "facewire: 240 frames, 240 with a face\n")
+            with open(path, newline="") as file, open(EXACT / "demo" / "track.csv", newline="") as other:
+                (columns, *ours), (wanted, *theirs) = csv.reader(file), csv.reader(other)
+        self.assertEqual((columns, len(ours)), (wanted, len(theirs)))
+        self.assertEqual([row[2] for row in ours], [row[2] for row in theirs])
+        ours, theirs = (numpy.array([row[:2] + row[3:] for row in rows], float) for rows in (ours, theirs))
+        # Another decoder rounds colours otherwise.
+        apart = numpy.abs(ours - theirs)
+        self.assertLess(apart[:, :2].max(), 1e-5, "numbers and times")
+        for first, end, most in [(2, 54, 0.1), (54, 57, 0.5), (57, 60, 2.0), (60, 66, 0.02)]:
+            self.assertLess(apart[:, first:end].max(), most, columns[first + 1])
+            self.assertLess(apart[:, first:end].mean(), most / 20, columns[first + 1])
+
+    def test_the_first_program_of_both_readmes_shows_every_picture_of_a_camera_with_the_face_drawn(self):
+        source = pathlib.Path(os.environ["FACEWIRE_SOURCE"])
+        readmes = [source / "README.md", source / "python" / "README.md"]
+        first, other = (readme.read_text().split("```python\n")[1].split("```")[0] for readme in readmes)
+        self.assertEqual(first, other)
+        self.assertLessEqual(len(first.splitlines()), 10)
+        with tempfile.TemporaryDirectory() as folder:
+            pictures, table, window = (os.path.join(folder, name) for name in ("clip.npy", "out.csv", "window.png"))
+            numpy.save(pictures, [bgr(number) for number in range(8)])
+            program = pathlib.Path(__file__).with_name("ten_lines.py")
+            subprocess.run([sys.executable, program, "--window", window, readmes[1], pictures, table], check=True)
+            import PIL.Image
+
+            with PIL.Image.open(window) as shown:
+                self.assertEqual(shown.size, (640, 480))
+
+    def test_a_frame_without_a_face_is_neutral(self):
+        from facewire.__main__ import _row
+
+        empty = _row(facewire.TrackedFrame(7, 0.25, None))
+        self.assertEqual((empty[:3], set(empty[3:])), (["7", "0.250000", "neutral"], {"0.000000"}))
+
+    def test_help_has_examples_and_a_wrong_file_is_one_line_and_leaves_the_table_alone(self):
+        self.assertRegex(self.run_it("--help").stdout, r"python -m facewire talk.mp4 -o talk.csv")
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, "out.csv")
+            path.write_text("kept")
+            for wrong, message in [("/nonexistent.mp4", "there is no file /nonexistent.mp4"), (__file__, "cannot be decoded")]:
+                ran = self.run_it(wrong, "-o", str(path))
+                self.assertEqual((ran.returncode, ran.stdout, ran.stderr.count("\n")), (1, "", 1))
+                self.assertIn(message, ran.stderr)
+            self.assertEqual(path.read_text(), "kept")
 
 
 class Faults(unittest.TestCase):

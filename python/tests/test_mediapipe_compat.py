@@ -1,11 +1,13 @@
 """Programs written for MediaPipe, and its own landmarks of the built-in clip (tests/golden)."""
 
+import json
 import math
 import os
 import pathlib
 import subprocess
 import sys
 import unittest
+import unittest.mock
 
 import numpy
 
@@ -57,6 +59,12 @@ class FaceMesh(unittest.TestCase):
                 image=drawn, landmark_list=face, connections=edges, landmark_drawing_spec=None, connection_drawing_spec=style
             )
             self.assertTrue((before != drawn).any())
+        self.assertIn((168, 6), styles.get_default_face_mesh_contours_style(1))
+
+    def test_landmarks_become_pixels_and_those_outside_of_the_picture_none(self):
+        to_pixels = mp.solutions.drawing_utils._normalized_to_pixel_coordinates
+        self.assertEqual([to_pixels(0.5, 0.999, 640, 480), to_pixels(1.0, 0.0, 640, 480)], [(320, 479), (639, 0)])
+        self.assertEqual([to_pixels(1.1, 0.5, 640, 480), to_pixels(0.5, -0.1, 640, 480)], [None, None])
 
 
 class FaceLandmarker(unittest.TestCase):
@@ -88,6 +96,7 @@ class FaceLandmarker(unittest.TestCase):
         middle = matrix @ [0, 2.62, 3.47, 1]
         seen = middle[:2] / -middle[2] * 240 / math.tan(math.radians(63 / 2)) * [1, -1] + [320, 240]
         numpy.testing.assert_allclose(seen, face.landmarks[[33, 133, 263, 362], :2].mean(axis=0), atol=2)
+        json.dumps(matrix[0, 3])
         # What MediaPipe 0.10.14 finds there.
         numpy.testing.assert_allclose(matrix[:3, 3], [0.08, 1.63, -29.63], atol=1)
         # The line from the right eye to the left one points along the head's x axis.
@@ -104,15 +113,45 @@ class FaceLandmarker(unittest.TestCase):
                       lambda: film.detect_for_video(image, 66, object())):
             with self.assertRaises(ValueError):
                 wrong()
-        # As with MediaPipe, pictures can be any time apart.
-        for time_ms in range(10_000, 100_000, 10_000):
-            self.assertTrue(film.detect_for_video(image, time_ms).face_landmarks)
+        # As with MediaPipe, pictures can be any time apart, and the tracker is given their true times.
+        with unittest.mock.patch.object(film, "_tracker", unittest.mock.Mock(wraps=film._tracker)) as tracker:
+            for time_ms in range(10_000, 100_000, 10_000):
+                self.assertTrue(film.detect_for_video(image, time_ms).face_landmarks)
+        given_s = [call.args[1] for call in tracker.process_all.call_args_list]
+        self.assertEqual(given_s, [float(time_s) for time_s in range(10, 100, 10)])
         called = []
         live = self.options("LIVE_STREAM", result_callback=lambda result, image, time_ms: called.append((result, time_ms)))
         mp.tasks.vision.FaceLandmarker.create_from_options(live).detect_async(image, 7)
         self.assertEqual(called[0][1], 7)
         with self.assertRaises(ValueError):
             self.options("LIVE_STREAM")
+
+    def test_names_and_values_are_those_of_mediapipe_1_2_3(self):
+        vision = mp.tasks.vision
+        self.assertEqual(mp.__version__, "1.2.3")
+        self.assertEqual([mp.tasks.BaseOptions.Delegate(number).name for number in range(3)], ["DEFAULT", "CPU", "GPU"])
+        nose = {tuple(edge) for edge in vision.FaceLandmarksConnections.FACE_LANDMARKS_NOSE}
+        self.assertTrue({(168, 6), (4, 1), (98, 97)} <= nose and len(nose) == 25)
+        with vision.FaceLandmarker.create_from_options(self.options()) as landmarker:
+            whole = vision.ImageProcessingOptions(rotation_degrees=0)
+            image = mp.Image(mp.ImageFormat.SRGB, PICTURE[:, :, ::-1])
+            point = landmarker.detect(image, whole).face_landmarks[0][0]
+            with self.assertRaises(ValueError):
+                landmarker.detect(image, vision.ImageProcessingOptions(rotation_degrees=90))
+        self.assertEqual((point.visibility, point.presence, point.name), (None, None, None))
+        mesh = mp.solutions.face_mesh.FaceMesh().process(PICTURE[:, :, ::-1]).multi_face_landmarks[0]
+        self.assertEqual((mesh.landmark[0].visibility, mesh.landmark[0].HasField("visibility")), (0.0, False))
+
+    def test_a_picture_tells_its_samples_and_takes_grey_ones_with_a_channel(self):
+        image = mp.Image(image_format=mp.ImageFormat.SRGB, data=PICTURE)
+        self.assertEqual((image[3, 4, 1], image.step, image.uses_gpu(), image.is_empty()), (PICTURE[3, 4, 1], 1920, False, False))
+        self.assertTrue(image.is_contiguous())
+        with mp.tasks.vision.FaceLandmarker.create_from_options(self.options()) as landmarker:
+            for grey in (PICTURE[:, :, 1], PICTURE[:, :, 1:2]):
+                self.assertTrue(landmarker.detect(mp.Image(mp.ImageFormat.GRAY8, grey)).face_landmarks)
+        for kind, wrong in [(mp.ImageFormat.SRGBA, PICTURE), (mp.ImageFormat.GRAY16, PICTURE), (mp.ImageFormat.GRAY8, PICTURE[0, 0])]:
+            with self.assertRaisesRegex(ValueError, f"is no picture of {kind.name}"):
+                mp.Image(kind, wrong)
 
     def test_a_program_that_imports_mediapipe_in_many_ways_runs_after_install(self):
         program = """
@@ -125,7 +164,10 @@ from mediapipe.python.solutions.face_mesh import FaceMesh
 from mediapipe.tasks import python
 from mediapipe.tasks.python import vision
 from mediapipe.tasks.python.vision.core.vision_task_running_mode import VisionTaskRunningMode
+from mediapipe.tasks.python.vision.core.image import Image
+from mediapipe.tasks.python.vision.core.image_processing_options import ImageProcessingOptions
 from mediapipe.tasks.python.vision.face_landmarker import FaceLandmarker
+from mediapipe.tasks.python.components.containers.landmark import Landmark
 import mediapipe.python.solutions.drawing_utils as drawing
 import numpy
 options = vision.FaceLandmarkerOptions(base_options=python.BaseOptions(model_asset_path="x"), num_faces=1,

@@ -12,7 +12,8 @@ from __future__ import annotations
 import sys
 import types
 
-from . import _connections, _drawing
+from .. import _connections
+from . import _drawing
 from ._face_mesh import FaceMesh
 from ._image import Image, ImageFormat
 from ._landmarker import (
@@ -24,11 +25,13 @@ from ._landmarker import (
     FaceLandmarkerOptions,
     FaceLandmarkerResult,
     FaceLandmarksConnections,
-    NormalizedLandmark,
-    NormalizedLandmarkList,
+    ImageProcessingOptions,
     RunningMode,
 )
+from ._landmarks import Landmark, NormalizedLandmark, NormalizedLandmarkList
 
+# The version of MediaPipe whose names are here, beside those of `mp.solutions`, which 0.10.21 was the last to have.
+__version__ = "1.2.3"
 __all__ = ["FaceLandmarker", "FaceMesh", "Image", "ImageFormat", "install", "solutions", "tasks"]
 
 
@@ -45,7 +48,10 @@ _edges = {name: value for name, value in vars(_connections).items() if name.star
 
 face_mesh_connections = _module("solutions.face_mesh_connections", **_edges)
 face_mesh = _module("solutions.face_mesh", FaceMesh=FaceMesh, FACEMESH_NUM_LANDMARKS=468, FACEMESH_NUM_LANDMARKS_WITH_IRISES=478, **_edges)
-drawing_utils = _module("solutions.drawing_utils", DrawingSpec=_drawing.DrawingSpec, draw_landmarks=_drawing.draw_landmarks)
+drawing_utils = _module(
+    "solutions.drawing_utils", DrawingSpec=_drawing.DrawingSpec, draw_landmarks=_drawing.draw_landmarks,
+    _normalized_to_pixel_coordinates=_drawing.normalized_to_pixel_coordinates, **_drawing.COLOURS
+)
 drawing_styles = _module("solutions.drawing_styles", **_drawing.STYLES)
 solutions = _module(
     "solutions", face_mesh=face_mesh, drawing_utils=drawing_utils, drawing_styles=drawing_styles,
@@ -57,23 +63,28 @@ _vision = {
     "FaceLandmarkerOptions": FaceLandmarkerOptions,
     "FaceLandmarkerResult": FaceLandmarkerResult,
     "FaceLandmarksConnections": FaceLandmarksConnections,
+    "ImageProcessingOptions": ImageProcessingOptions,
     "RunningMode": RunningMode,
 }
 _face_landmarker = _module(
     "tasks.python.vision.face_landmarker", Blendshapes=Blendshapes, Connection=Connection, **_vision
 )
 _running_mode = _module("tasks.python.vision.core.vision_task_running_mode", VisionTaskRunningMode=RunningMode)
-_vision_core = _module("tasks.python.vision.core", vision_task_running_mode=_running_mode)
+_image_module = _module("tasks.python.vision.core.image", Image=Image, ImageFormat=ImageFormat)
+_processing = _module("tasks.python.vision.core.image_processing_options", ImageProcessingOptions=ImageProcessingOptions)
+_vision_core = _module(
+    "tasks.python.vision.core", image=_image_module, image_processing_options=_processing, vision_task_running_mode=_running_mode
+)
 vision = _module(
     "tasks.python.vision", face_landmarker=_face_landmarker, core=_vision_core, drawing_utils=drawing_utils,
     drawing_styles=drawing_styles, **_vision
 )
 sys.modules[f"{__name__}.tasks.vision"] = vision
-_landmark = _module("tasks.python.components.containers.landmark", NormalizedLandmark=NormalizedLandmark)
+_landmark = _module("tasks.python.components.containers.landmark", Landmark=Landmark, NormalizedLandmark=NormalizedLandmark)
 _category = _module("tasks.python.components.containers.category", Category=Category)
 containers = _module(
-    "tasks.python.components.containers", landmark=_landmark, category=_category, NormalizedLandmark=NormalizedLandmark,
-    Category=Category,
+    "tasks.python.components.containers", landmark=_landmark, category=_category, Landmark=Landmark,
+    NormalizedLandmark=NormalizedLandmark, Category=Category,
 )
 components = _module("tasks.python.components", containers=containers)
 _base_options = _module("tasks.python.core.base_options", BaseOptions=BaseOptions)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Dict, Optional, Tuple
 
-from . import _connections
+from .. import _connections
 
-WHITE, GREY, GREEN, RED = (224, 224, 224), (192, 192, 192), (48, 255, 48), (48, 48, 255)
+WHITE, GREY, GREEN, RED, YELLOW = (224, 224, 224), (192, 192, 192), (48, 255, 48), (48, 48, 255), (0, 204, 255)
+COLOURS = {
+    "WHITE_COLOR": WHITE, "BLACK_COLOR": (0, 0, 0), "RED_COLOR": (0, 0, 255), "GREEN_COLOR": (0, 128, 0), "BLUE_COLOR": (255, 0, 0)
+}
 
 
 @dataclasses.dataclass
@@ -44,14 +48,26 @@ def draw_landmarks(
             cv2.circle(image, point, look.circle_radius, look.color, look.thickness)
 
 
+def normalized_to_pixel_coordinates(
+    normalized_x: float, normalized_y: float, image_width: int, image_height: int
+) -> Optional[Tuple[int, int]]:
+    """The pixel of a point; None outside of the picture. Programs import it, although its name has an underscore."""
+    if not (0 <= normalized_x <= 1 and 0 <= normalized_y <= 1):
+        return None
+    x_px = min(math.floor(normalized_x * image_width), image_width - 1)
+    return x_px, min(math.floor(normalized_y * image_height), image_height - 1)
+
+
 def _look(spec: Any, key: Any) -> Optional[DrawingSpec]:
     return spec.get(key) if isinstance(spec, dict) else spec
 
 
-def _contours(_: int = 0) -> Dict[Tuple[int, int], DrawingSpec]:
+def _contours(i: int = 0) -> Dict[Tuple[int, int], DrawingSpec]:
     looks = {edge: DrawingSpec(WHITE, 1) for edge in _connections.FACEMESH_CONTOURS}
     looks.update({edge: DrawingSpec(GREEN, 1) for edge in _connections.FACEMESH_LEFT_EYE | _connections.FACEMESH_LEFT_EYEBROW})
     looks.update({edge: DrawingSpec(RED, 1) for edge in _connections.FACEMESH_RIGHT_EYE | _connections.FACEMESH_RIGHT_EYEBROW})
+    if i == 1:
+        looks.update({edge: DrawingSpec(YELLOW, 1) for edge in _connections.FACEMESH_NOSE})
     return looks
 
 

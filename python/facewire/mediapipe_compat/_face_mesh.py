@@ -37,7 +37,7 @@ class FaceMesh:
             raise ValueError("the mesh is closed")
         height, width = image.shape[:2]
         faces = self._tracker.process_all(image, format="rgb")
-        lists = [NormalizedLandmarkList(normalized(face, width, height, self._count)) for face in faces]
+        lists = [NormalizedLandmarkList(normalized(face, width, height, self._count, 0.0)) for face in faces]
         return FaceMeshResult(lists or None)
 
     def close(self) -> None:

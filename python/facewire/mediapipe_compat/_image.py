@@ -9,21 +9,27 @@ import numpy
 
 
 class ImageFormat(enum.IntEnum):
-    """What an array holds."""
+    """What an array holds. facewire takes the first three formats that have a name."""
 
     UNKNOWN = 0
     SRGB = 1
     SRGBA = 2
     GRAY8 = 3
+    GRAY16 = 4
+    SRGB48 = 7
+    SRGBA64 = 8
+    VEC32F1 = 9
+    VEC32F2 = 12
+    VEC32F4 = 13
 
 
 class Image:
     """A picture of uint8."""
 
     def __init__(self, image_format: ImageFormat = ImageFormat.SRGB, data: Any = None) -> None:
-        channels = {ImageFormat.SRGB: 3, ImageFormat.SRGBA: 4}.get(image_format)
+        shapes: Any = {ImageFormat.SRGB: [(3,)], ImageFormat.SRGBA: [(4,)], ImageFormat.GRAY8: [(), (1,)]}.get(image_format, [])
         data = numpy.asarray(data)
-        if (data.ndim, data.shape[2:]) != ((3, (channels,)) if channels else (2, ())):
+        if data.ndim < 2 or data.shape[2:] not in shapes:
             raise ValueError(f"an array of shape {data.shape} is no picture of {ImageFormat(image_format).name}")
         if data.dtype != numpy.uint8:
             raise ValueError(f"a picture is an array of uint8, not of {data.dtype}")
@@ -55,6 +61,26 @@ class Image:
     @property
     def channels(self) -> int:
         return int(self._data.shape[2]) if self._data.ndim == 3 else 1
+
+    @property
+    def step(self) -> int:
+        """Bytes of a row."""
+        return self.width * self.channels
+
+    def __getitem__(self, place: Any) -> Any:
+        return self._data[place].item()
+
+    def uses_gpu(self) -> bool:
+        """Whether the samples are on a GPU."""
+        return False
+
+    def is_contiguous(self) -> bool:
+        """Whether the samples lie one after another."""
+        return bool(self._data.flags.c_contiguous)
+
+    def is_empty(self) -> bool:
+        """Whether there are no samples."""
+        return not self._data.size
 
     def numpy_view(self) -> "numpy.ndarray[Any, Any]":
         """The array, which is not to be changed."""

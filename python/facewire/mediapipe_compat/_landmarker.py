@@ -12,11 +12,9 @@ import numpy
 
 from facewire import BLENDSHAPES, Face, FaceTracker
 
-from . import _connections
+from .. import _connections
 from ._image import Image, ImageFormat
-from ._landmarks import NormalizedLandmark, NormalizedLandmarkList, normalized
-
-__all__ = ["NormalizedLandmark", "NormalizedLandmarkList"]
+from ._landmarks import normalized
 
 # MediaPipe's names in its order, which is that of the alphabet. It has no tongueOut.
 NAMES = ["_neutral", *sorted(name for name in BLENDSHAPES if name != "tongueOut")]
@@ -45,11 +43,12 @@ class RunningMode(enum.Enum):
 class BaseOptions:
     """The model's place, which is not read: facewire has its own."""
 
-    class Delegate(enum.Enum):
+    class Delegate(enum.IntEnum):
         """What computes."""
 
-        CPU = 0
-        GPU = 1
+        DEFAULT = 0
+        CPU = 1
+        GPU = 2
 
     model_asset_path: Optional[str] = None
     model_asset_buffer: Optional[bytes] = None
@@ -57,13 +56,21 @@ class BaseOptions:
 
 
 @dataclasses.dataclass
+class ImageProcessingOptions:
+    """A part or a turn of a picture. facewire refuses what differs from the whole upright picture."""
+
+    region_of_interest: Any = None
+    rotation_degrees: int = 0
+
+
+@dataclasses.dataclass
 class Category:
     """A blendshape and its coefficient."""
 
-    index: int
-    score: float
-    display_name: str
-    category_name: str
+    index: Optional[int] = None
+    score: Optional[float] = None
+    display_name: Optional[str] = None
+    category_name: Optional[str] = None
 
 
 class Connection(NamedTuple):
@@ -89,6 +96,7 @@ class FaceLandmarksConnections:
     FACE_LANDMARKS_RIGHT_EYEBROW = _connected(_connections.FACEMESH_RIGHT_EYEBROW)
     FACE_LANDMARKS_RIGHT_IRIS = _connected(_connections.FACEMESH_RIGHT_IRIS)
     FACE_LANDMARKS_FACE_OVAL = _connected(_connections.FACEMESH_FACE_OVAL)
+    FACE_LANDMARKS_NOSE = _connected(_connections.FACEMESH_NOSE)
     FACE_LANDMARKS_CONTOURS = _connected(_connections.FACEMESH_CONTOURS)
     FACE_LANDMARKS_TESSELATION = _connected(_connections.FACEMESH_TESSELATION)
 
@@ -125,10 +133,12 @@ class FaceLandmarker:
     """Finds landmarks and coefficients of faces."""
 
     def __init__(self, options: FaceLandmarkerOptions) -> None:
-        self._options, self._last_ms, self._clock_ms = options, -1, 0
+        self._options, self._last_ms = options, -1
         self._tracker: Optional[FaceTracker] = FaceTracker(
             max_faces=options.num_faces, stills=options.running_mode is RunningMode.IMAGE
         )
+        # As with MediaPipe, pictures may be any time apart.
+        self._tracker._trust_times()
 
     @classmethod
     def create_from_options(cls, options: FaceLandmarkerOptions) -> "FaceLandmarker":
@@ -170,7 +180,7 @@ class FaceLandmarker:
         self.close()
 
     def _need(self, mode: RunningMode, image_processing_options: Any) -> None:
-        if image_processing_options is not None:
+        if image_processing_options not in (None, ImageProcessingOptions()):
             raise ValueError("facewire takes whole pictures the right way up: image_processing_options are not supported")
         if self._options.running_mode is not mode:
             raise ValueError(f"the landmarker runs in the mode {self._options.running_mode.value}, not {mode.value}")
@@ -178,10 +188,8 @@ class FaceLandmarker:
     def _later(self, timestamp_ms: int) -> float:
         if timestamp_ms <= self._last_ms:
             raise ValueError("Input timestamp must be monotonically increasing.")
-        # Pictures may be any time apart, as with MediaPipe. After a second without a picture nothing is smoothed in any case.
-        self._clock_ms += min(timestamp_ms - self._last_ms, 1000)
         self._last_ms = timestamp_ms
-        return self._clock_ms / 1000
+        return timestamp_ms / 1000
 
     def _find(self, image: Image, time_s: float) -> FaceLandmarkerResult:
         if self._tracker is None:
@@ -214,7 +222,8 @@ def matrix(face: Face, width: int, height: int) -> "numpy.ndarray[Any, Any]":
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    made = numpy.eye(4, dtype=numpy.float32)
+    # As with MediaPipe up to 0.10.21: programs write its numbers as JSON, which takes no float32.
+    made = numpy.eye(4)
     made[:3, :3] = axes
     made[:3, 3] = numpy.array([right, -down, -away]) - axes @ _BETWEEN_EYES_CM
     return made

@@ -13,7 +13,7 @@ use facewire_packet::{Pose, Reason};
 
 use crate::calibration::{Observation, Store, StoreError, WearerName, model_hash};
 use crate::capture::{Content, Frame};
-use crate::config::{Method, NetworkSettings, Settings, SolverSettings, WearerSettings};
+use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
 use crate::recording::Recorded;
 
 pub enum Rejected {
@@ -198,12 +198,10 @@ pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
 pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     let path = &settings.model;
     if path.is_empty() {
-        return Ok(match settings.method {
-            Method::Network => Model::embedded(),
-            Method::Paper => Model::embedded_formulas(),
-        });
+        return Ok(Model::of(settings.method));
     }
-    Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
+    let loaded = Model::load(path.as_ref()).map(Model::with_gaze);
+    loaded.map_err(|error| SetupError::Model { path: path.clone(), error })
 }
 
 pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {

@@ -1,9 +1,10 @@
 /* Prints the strongest blendshape of each picture of a raw film (4:2:2 planes, full range), and writes all values of its faces:
  *
- *     cargo build --release -p facewire-c
- *     cc -Ic/include c/examples/film.c -o film -Ltarget/release -lfacewire_c
+ *     c/install ~/facewire
+ *     export PKG_CONFIG_PATH=~/facewire/lib/pkgconfig
+ *     cc c/examples/film.c -o film $(pkg-config --cflags --libs facewire)
  *     ffmpeg -i talk.mp4 -pix_fmt yuvj422p -f rawvideo talk.yuv
- *     LD_LIBRARY_PATH=target/release ./film talk.yuv 640 480 [VALUES.f32]
+ *     LD_LIBRARY_PATH=~/facewire/lib ./film talk.yuv 640 480 [VALUES.f32]
  */
 #include <stdio.h>
 #include <stdlib.h>

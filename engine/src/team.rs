@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use std::{hint, io, ptr};
+use std::{hint, io, mem, process, ptr};
 
 /// Time for which a thread polls before it lets the system run other threads: several times as long as a worker needs
 /// to wake up, and short beside a frame.
@@ -32,9 +32,13 @@ const POLLS: u32 = 32;
 const STACK_BYTES: usize = 128 * 1024;
 
 /// Threads that wait for tasks. They end when the team is dropped.
+///
+/// They are threads of one process: in a child that it forks, the caller runs all tasks alone.
 pub struct Team {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
+    /// The process that has the threads.
+    process: u32,
 }
 
 struct Shared {
@@ -86,7 +90,7 @@ impl Team {
             parked: (0..workers).map(|_| AtomicBool::new(false)).collect(),
             job: UnsafeCell::new(Job { run: |_, _| {}, data: ptr::null() }),
         });
-        let mut team = Self { shared, workers: Vec::with_capacity(workers) };
+        let mut team = Self { shared, workers: Vec::with_capacity(workers), process: process::id() };
         for number in 0..workers {
             let shared = Arc::clone(&team.shared);
             let builder = thread::Builder::new().name(format!("fw-net-{}", number + 1)).stack_size(STACK_BYTES);
@@ -147,6 +151,10 @@ impl Team {
 
 impl Drop for Team {
     fn drop(&mut self) {
+        if self.process != process::id() {
+            // To wait for a thread of another process ends in a panic.
+            return mem::forget(mem::take(&mut self.workers));
+        }
         self.shared.ending.store(true, Ordering::SeqCst);
         for worker in self.workers.drain(..) {
             worker.thread().unpark();

@@ -25,8 +25,8 @@ pub use infer::{Engine, EngineChoice, InferError, engine};
 pub use model::{Model, ModelError};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels, Rotation};
 pub use solve::{
-    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Neutral,
-    NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, Wears,
+    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Method,
+    Neutral, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, Wears,
 };
 pub use track::{Appearance, EyeValues, Face, FaceBox, Follow, LANDMARKS, Landmarks, Looks, MESH, Tracker};
 

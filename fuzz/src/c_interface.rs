@@ -29,7 +29,7 @@ impl Drop for Opened {
     }
 }
 
-/// The first bytes are width, height, stride, how many bytes there are, format, range and flags; the others are repeated as
+/// The first bytes are width, height, stride, how many bytes there are, format, range and planes, and flags; the others are repeated as
 /// samples. Returns how many faces were found.
 pub fn c_interface(bytes: &[u8]) -> usize {
     let Some((head, pattern)) = bytes.split_at_checked(12) else { return 0 };
@@ -45,6 +45,9 @@ pub fn c_interface(bytes: &[u8]) -> usize {
         stride: if head[10] & 8 == 0 { number(4).into() } else { usize::MAX - usize::from(number(4)) },
         format: head[8].into(),
         is_video_range: (head[9] & 1).into(),
+        chroma: [2, 4].map(|bit| if head[9] & bit == 0 { ptr::null() } else { samples.as_ptr() }),
+        chroma_bytes: samples.len(),
+        chroma_stride: usize::from(head[9] >> 3) << 4,
     };
     let mut faces = [const { MaybeUninit::<Face>::uninit() }; CAPACITY];
     TRACKER.with_borrow_mut(|Opened(tracker)| {

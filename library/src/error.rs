@@ -16,6 +16,12 @@ pub enum Error {
     /// A value that no option has.
     #[error("{0}")]
     Option(&'static str),
+    /// A text of settings has a fault.
+    #[error("{0}")]
+    Settings(String),
+    /// There is no such face, or the given ones are not those of one person.
+    #[error("{0}")]
+    Face(String),
     /// The given faces do not form a neutral face.
     #[error("{0}")]
     Neutral(#[from] SolveError),

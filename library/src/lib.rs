@@ -44,16 +44,19 @@ mod format;
 mod networks;
 mod options;
 mod profile;
+mod shaping;
 mod tracker;
 
 pub use error::Error;
 pub use facewire_face::{
     Adjustment, Adjustments, BLENDSHAPES, Camera, Filter, FilterKind, Filters, Gaze, Group, HeadPose, LANDMARKS,
-    Landmarks, MAX_SIDE_PX, Neutral, NeutralMode, Picture, Pixels, Profile, Rotation, Rules, Shaping, SolveError,
+    Landmarks, MAX_SIDE_PX, Method, Neutral, NeutralMode, Picture, Pixels, Profile, Rotation, Rules, Shaping,
+    SolveError,
     stages::{Coefficients, FiltersState, Normalised},
 };
 pub use facewire_packet::{NeutralFace, Visibility};
 pub use format::Format;
-pub use options::{Options, default_shaping};
-pub use profile::{neutral_of, read_profile};
+pub use options::Options;
+pub use profile::{neutral_of, parse_profile, profile_text, read_profile};
+pub use shaping::{default_shaping, parse_shaping};
 pub use tracker::{Face, FaceTracker};

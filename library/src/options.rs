@@ -1,8 +1,10 @@
 use std::path::{Path, PathBuf};
 
-use facewire_face::{EngineChoice, FilterKind, Filters, Group, Model, NeutralMode, Profile, Rules, Shaping, engine};
+use facewire_face::{
+    Camera, EngineChoice, Filters, HeadPose, Method, Model, NeutralMode, Picture, Profile, Shaping, engine,
+};
 
-use crate::{Error, FaceTracker};
+use crate::{Error, FaceTracker, default_shaping};
 
 /// Most faces that a tracker follows.
 const MAX_FACES: usize = 16;
@@ -13,13 +15,48 @@ const MAX_FACES: usize = 16;
 pub struct Options {
     pub(crate) max_faces: usize,
     pub(crate) stills: bool,
-    pub(crate) horizontal_fov_deg: f32,
+    pub(crate) lens: Lens,
+    pub(crate) eye_distance_mm: f32,
     pub(crate) profile: Profile,
     pub(crate) shaping: Shaping,
     pub(crate) neutral: NeutralMode,
     networks: Option<PathBuf>,
+    method: Method,
     model: Option<PathBuf>,
     threads: u32,
+}
+
+/// What is known of the camera's lens.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Lens {
+    /// Angle of view across the width of the camera's picture.
+    FovDeg(f32),
+    /// Focal length in pixels of the picture.
+    FocalPx(f32),
+}
+
+impl Lens {
+    /// The camera that took a picture.
+    pub fn camera(self, picture: &Picture) -> Camera {
+        match self {
+            Self::FovDeg(fov_deg) => {
+                let camera = Camera::new(picture.size_px(), fov_deg);
+                if picture.rotation().is_sideways() { camera.on_its_side() } else { camera }
+            }
+            Self::FocalPx(focal_px) => Camera::of_focal_length(picture.size_px(), focal_px),
+        }
+    }
+
+    fn check(self) -> Result<(), Error> {
+        match self {
+            Self::FovDeg(fov_deg) => need((10.0..=170.0).contains(&fov_deg), "horizontal_fov_deg can be 10 to 170"),
+            Self::FocalPx(focal_px) => need((10.0..=1e5).contains(&focal_px), "focal_length_px can be 10 to 100000"),
+        }
+    }
+}
+
+fn need(is_good: bool, expected: &'static str) -> Result<(), Error> {
+    if is_good { Ok(()) } else { Err(Error::Option(expected)) }
 }
 
 impl Default for Options {
@@ -27,30 +64,17 @@ impl Default for Options {
         Self {
             max_faces: 1,
             stills: false,
-            horizontal_fov_deg: 60.0,
+            lens: Lens::FovDeg(60.0),
+            eye_distance_mm: HeadPose::EYE_DISTANCE_MM,
             profile: Profile::default(),
             shaping: default_shaping(),
             neutral: NeutralMode::Auto,
             networks: None,
+            method: Method::Network,
             model: None,
             threads: 1,
         }
     }
-}
-
-/// The rules and filters of the service's default settings.
-pub fn default_shaping() -> Shaping {
-    let filter = |group: Group| {
-        let time_s = match group {
-            Group::Gaze => 0.1,
-            Group::Jaw => 0.22,
-            Group::Lids | Group::Brows | Group::Mouth | Group::Cheeks => 0.35,
-        };
-        group.filter(FilterKind::GatedAverage, time_s)
-    };
-    let mut shaping = Shaping::only(Filters::new(filter, FilterKind::GatedAverage, 0.35));
-    shaping.rules = Rules::ALL;
-    shaping
 }
 
 impl Options {
@@ -74,7 +98,12 @@ impl Options {
         Self { networks: Some(folder.as_ref().to_owned()), ..self }
     }
 
-    /// A blendshape model in place of the built-in one.
+    /// Which of the built-in models solves the coefficients (default [`Method::Network`]).
+    pub fn method(self, method: Method) -> Self {
+        Self { method, ..self }
+    }
+
+    /// A blendshape model in place of the built-in one. The file brings its own method.
     pub fn model(self, file: impl AsRef<Path>) -> Self {
         Self { model: Some(file.as_ref().to_owned()), ..self }
     }
@@ -96,24 +125,42 @@ impl Options {
     }
 
     /// Rules of anatomy, filters, and adjustments of the output such as a mirror image (default [`default_shaping`]).
+    /// [`parse_shaping`](crate::parse_shaping) reads them from a text.
     pub fn shaping(self, shaping: Shaping) -> Self {
         Self { shaping, ..self }
     }
 
-    /// Angle of view across the width of the picture, degrees (default 60). The position of the head depends on it.
+    /// Angle of view across the width of the camera's picture, degrees (default 60). The position of the head depends on it.
     pub fn horizontal_fov_deg(self, horizontal_fov_deg: f32) -> Self {
-        Self { horizontal_fov_deg, ..self }
+        Self { lens: Lens::FovDeg(horizontal_fov_deg), ..self }
+    }
+
+    /// Focal length in pixels of the pictures, in place of the angle of view. Pixels are square, and the optical axis goes through
+    /// the middle of the picture.
+    pub fn focal_length_px(self, focal_length_px: f32) -> Self {
+        Self { lens: Lens::FocalPx(focal_length_px), ..self }
+    }
+
+    /// The distance between the pupils of those who are seen (default 63). The position of the head is in proportion to it.
+    pub fn eye_distance_mm(self, eye_distance_mm: f32) -> Self {
+        Self { eye_distance_mm, ..self }
     }
 
     /// Loads networks and model, and takes all memory.
     pub fn open(self) -> Result<FaceTracker, Error> {
-        let need = |is_good: bool, expected| if is_good { Ok(()) } else { Err(Error::Option(expected)) };
         need((1..=MAX_FACES).contains(&self.max_faces), "max_faces can be 1 to 16")?;
         need((1..=16).contains(&self.threads), "threads can be 1 to 16")?;
-        need((10.0..=170.0).contains(&self.horizontal_fov_deg), "horizontal_fov_deg can be 10 to 170")?;
+        need((20.0..=200.0).contains(&self.eye_distance_mm), "eye_distance_mm can be 20 to 200")?;
+        self.lens.check()?;
         let model = match &self.model {
-            None => Model::embedded(),
-            Some(path) => Model::load(path).map_err(|error| Error::File(format!("{}: {error}", path.display())))?,
+            None => Model::of(self.method),
+            Some(_) if self.method != Method::Network => {
+                return Err(Error::Option("give a method or a model: a file brings its own method"));
+            }
+            Some(path) => {
+                let loaded = Model::load(path).map(Model::with_gaze);
+                loaded.map_err(|error| Error::File(format!("{}: {error}", path.display())))?
+            }
         };
         let engine = match &self.networks {
             #[cfg(feature = "built-in")]

@@ -10,7 +10,8 @@ use facewire_face::{
 };
 use facewire_packet::{NeutralFace, Visibility};
 
-use crate::{Error, Options};
+use crate::options::Lens;
+use crate::{Error, Options, neutral_of};
 
 /// While some faces are followed, every tenth picture is searched for more.
 const SEARCH_EVERY: u32 = 10;
@@ -87,7 +88,7 @@ pub struct FaceTracker {
     profile: Profile,
     /// The time of the last picture.
     last_us: u64,
-    horizontal_fov_deg: f32,
+    lens: Lens,
     is_for_stills: bool,
     pictures_since_search: u32,
     found: u64,
@@ -129,6 +130,7 @@ impl FaceTracker {
         let person = |model| {
             let mut solver = Solver::new(model, Profile::default(), options.shaping.clone());
             solver.neutral_mode = options.neutral;
+            solver.eye_distance_mm = options.eye_distance_mm;
             Person { solver, wearer: Wearer::default(), seen_us: 0, is_free: true }
         };
         let people = if options.max_faces > 1 { options.max_faces + 1 } else { 1 };
@@ -138,7 +140,7 @@ impl FaceTracker {
             people: iter::repeat_n(model, people).map(person).collect(),
             last_us: 0,
             profile: options.profile.clone(),
-            horizontal_fov_deg: options.horizontal_fov_deg,
+            lens: options.lens,
             is_for_stills: options.stills,
             pictures_since_search: 0,
             found: 0,
@@ -161,8 +163,7 @@ impl FaceTracker {
             self.reset();
         }
         self.seats.iter_mut().for_each(|seat| seat.is_seen = false);
-        let camera = Camera::new(picture.size_px(), self.horizontal_fov_deg);
-        let camera = if picture.rotation().is_sideways() { camera.on_its_side() } else { camera };
+        let camera = self.lens.camera(picture);
         let time_us = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
         self.pass_time(time_us);
         self.search(picture)?;
@@ -218,10 +219,43 @@ impl FaceTracker {
     /// is remembered, and there is none.
     #[must_use = "the face may have left the picture"]
     pub fn set_profile_of(&mut self, id: u64, profile: &Profile) -> bool {
-        let is_meant = |seat: &&Seat| seat.is_seen && seat.face.id == id && !self.is_for_stills;
-        let seat = self.seats.iter().find(is_meant);
-        let person = seat.and_then(|seat| self.people.get_mut(seat.person));
+        let person = self.place_of(id).and_then(|place| self.people.get_mut(place));
         person.map(|person| person.solver.set_profile(profile.clone())).is_some()
+    }
+
+    /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest ([`neutral_of`]). This
+    /// replaces the profile. With [`Options::max_faces`] above 1, the faces are those of one identifier, which is in the last
+    /// picture, and nobody else's neutral face changes.
+    pub fn set_neutral<'a>(&mut self, faces: impl IntoIterator<Item = &'a Face>) -> Result<(), Error> {
+        let faces: Vec<_> = faces.into_iter().collect();
+        let profile = Profile::from(neutral_of(faces.iter().copied())?);
+        if self.seats.len() == 1 {
+            self.set_profile(&profile);
+            return Ok(());
+        }
+        let id = faces.first().map_or(0, |face| face.id);
+        if faces.iter().any(|face| face.id != id) {
+            return Err(Error::Face("these faces have different ids; give those of one id".to_owned()));
+        }
+        self.set_profile_of(id, &profile).then_some(()).ok_or_else(|| missing(id))
+    }
+
+    /// What is known of the first face: the profile that it was given, or the neutral face that was estimated, once the wearer is
+    /// known well enough, which takes some seconds at rest. `None` until then. With the profile, a later tracker need not
+    /// estimate.
+    pub fn profile(&self) -> Option<Profile> {
+        self.people.first()?.solver.known_profile()
+    }
+
+    /// The same for the face with this [`id`](Face::id) in the last picture.
+    pub fn profile_of(&self, id: u64) -> Option<Profile> {
+        self.people.get(self.place_of(id)?)?.solver.known_profile()
+    }
+
+    /// The person whose face in the last picture has this identifier. With [`Options::for_stills`] nobody is remembered.
+    fn place_of(&self, id: u64) -> Option<usize> {
+        let is_meant = |seat: &&Seat| seat.is_seen && seat.face.id == id && !self.is_for_stills;
+        self.seats.iter().find(is_meant).map(|seat| seat.person)
     }
 
     /// Sets whether the neutral faces are estimated.
@@ -310,6 +344,13 @@ impl FaceTracker {
         };
         self.away().min_by_key(rank).map(|(place, _)| place)
     }
+}
+
+fn missing(id: u64) -> Error {
+    Error::Face(format!(
+        "face {id} is not in the last picture; give faces that have the id of one that is. Of several faces in unrelated pictures, \
+         no neutral face is kept"
+    ))
 }
 
 impl Person {

@@ -12,14 +12,15 @@ use std::time::Duration;
 
 use facewire::calibration::ProfileFile;
 use facewire::capture::{Clip, Content, Frame, Source};
-use facewire::config::Settings;
+use facewire::config::{Settings, parse, schema};
 use facewire::pipeline::{Pipeline, shaping};
 use facewire_face::stages::NetworkFolder;
 use facewire_library::{
-    BLENDSHAPES, Error, Face, FaceTracker, Format, Neutral, NeutralFace, NeutralMode, Options, Picture, Pixels,
-    Profile, default_shaping, neutral_of, read_profile,
+    BLENDSHAPES, Error, Face, FaceTracker, Format, Method, Neutral, NeutralFace, NeutralMode, Options, Picture, Pixels,
+    Profile, Rotation, default_shaping, neutral_of, parse_profile, parse_shaping, profile_text, read_profile,
 };
 use films::films;
+use serde_json::Value;
 
 const SIZE: [usize; 2] = [640, 480];
 
@@ -94,6 +95,144 @@ fn coefficients_and_poses_are_those_of_the_service_to_the_last_bit() {
         assert!(solved > 200, "{solved} frames");
     }
     assert_eq!(default_shaping(), shaping(&Settings::default()));
+}
+
+#[test]
+fn the_method_of_the_paper_gives_the_bits_of_the_service_built_in_and_from_its_file() {
+    let formulas = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/formulas.toml");
+    let mut settings = Settings::default();
+    settings.solver.method = Method::Paper;
+    for options in [Options::default().method(Method::Paper), Options::default().model(formulas)] {
+        let mut both = (options.open().unwrap(), Pipeline::load(&settings, true).unwrap());
+        let mut clip = Clip::once().unwrap();
+        assert!((0..30).all(|_| is_same(&mut both, &clip.next().unwrap().unwrap())));
+    }
+    let both = Options::default().method(Method::Paper).model(formulas).open();
+    assert!(both.err().unwrap().to_string().contains("a file brings its own method"));
+}
+
+/// Every key of the tables of the service's settings that shape the output, with values that the service takes and others.
+fn entries() -> Vec<String> {
+    let schema = schema();
+    let keys = |table: &Value| table["properties"].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    let definitions = &schema["$defs"];
+    let mut paths = Vec::new();
+    for table in ["smoothing", "plausibility"] {
+        paths.extend(keys(&schema["properties"][table]).iter().map(|key| format!("{table}.{key}")));
+    }
+    for key in keys(&definitions["adjust"]) {
+        let limits = if key == "mirror" { Vec::new() } else { keys(&definitions["coefficient"]) };
+        paths.push(format!("adjust.{key}"));
+        paths.extend(limits.iter().map(|limit| format!("adjust.{key}.{limit}")));
+    }
+    let kinds = schema["properties"]["smoothing"]["properties"]["lids"]["enum"].as_array().unwrap();
+    let kinds = kinds.iter().map(ToString::to_string);
+    let others =
+        ["true", "false", "0", "1", "0.05", "0.21", "1.5", "10.1", "-0.5", "-1.5", "350", "351", "nan", "\"none\""];
+    let values: Vec<_> = kinds.chain(others.map(str::to_owned)).collect();
+    paths.iter().flat_map(|path| values.iter().map(move |value| format!("{path} = {value}"))).collect()
+}
+
+#[test]
+fn a_text_of_settings_gives_the_shaping_of_the_service_or_is_refused_as_by_the_service() {
+    let [mut taken, mut refused] = [0, 0];
+    for entry in entries() {
+        let ours = parse_shaping(&entry);
+        if let Ok(settings) = parse("", &entry) {
+            assert_eq!(ours.unwrap(), shaping(&settings), "{entry}");
+            taken += 1;
+        } else {
+            let (key, _) = entry.split_once(" =").unwrap();
+            assert!(matches!(ours, Err(Error::Settings(message)) if message.contains(key)), "{entry}");
+            refused += 1;
+        }
+    }
+    assert!(taken > 1000 && refused > 1000, "{taken} {refused}");
+    for wrong in [
+        "[smothing]",
+        "smoothing.jwa = \"off\"",
+        "adjust.jawOpen = {min = 0.5, max = 0.4}",
+        "= 3",
+        "[camera]",
+        "adjust = 1",
+    ] {
+        assert!(matches!(parse_shaping(wrong), Err(Error::Settings(_))), "{wrong}");
+    }
+}
+
+#[test]
+fn a_focal_length_counts_in_pictures_of_any_rotation_and_positions_are_in_proportion_to_the_distance_of_the_pupils() {
+    let focal_px = 320.0 / 30.0_f32.to_radians().tan();
+    play(1, |picture, _| {
+        let upright = grey(picture);
+        let column = |x: usize| (0..SIZE[1]).map(move |y| y * SIZE[0] + x);
+        let on_its_side: Vec<u8> = (0..SIZE[0]).rev().flat_map(column).map(|at| upright[at]).collect();
+        let upright = Format::Grey.picture(&upright, SIZE).unwrap();
+        let on_its_side = Format::Grey.picture(&on_its_side, [SIZE[1], SIZE[0]]).unwrap().rotated(Rotation::Quarter);
+        let position_mm = |options: Options, picture: &Picture| {
+            let mut tracker = options.open().unwrap();
+            tracker.process(picture, Duration::ZERO).unwrap().unwrap().head.position_mm
+        };
+        let wanted = position_mm(Options::default(), &upright);
+        let by_length = Options::default().focal_length_px(focal_px);
+        let near = position_mm(Options::default().eye_distance_mm(31.5), &upright).map(|part_mm| 2.0 * part_mm);
+        for found in [position_mm(by_length.clone(), &upright), position_mm(by_length, &on_its_side), near] {
+            assert!(wanted.iter().zip(&found).all(|(one, other)| (one - other).abs() < 0.5), "{wanted:?} {found:?}");
+        }
+    });
+    for options in [Options::default().focal_length_px(0.0), Options::default().eye_distance_mm(f32::NAN)] {
+        assert!(matches!(options.open(), Err(Error::Option(_))));
+    }
+}
+
+#[test]
+fn what_is_known_of_a_wearer_goes_out_as_a_text_that_the_service_reads_too_and_comes_back() {
+    let mut clip = Vec::new();
+    play(1, |picture, _| clip.push(grey(picture)));
+    let mut tracker = FaceTracker::new().unwrap();
+    assert!(only_face(&mut tracker, &clip[0], 0).is_some());
+    assert_eq!(tracker.profile(), None, "nobody is known by one picture");
+    let last = (1..100).map(|time| only_face(&mut tracker, &clip[0], time).unwrap()).last().unwrap();
+    assert_eq!(last.neutral, NeutralFace::Estimated);
+    let known = tracker.profile().unwrap();
+    assert!(tracker.profile_of(last.id) == Some(known.clone()) && tracker.profile_of(last.id + 1).is_none());
+    let text = profile_text(&known).unwrap();
+    let read = parse_profile(&text).unwrap();
+    assert_eq!(read, ProfileFile::parse(&text).unwrap().profile);
+    let points = [&known, &read].map(|profile| profile.neutral.iter().flat_map(Neutral::points).collect::<Vec<_>>());
+    let pairs = || points[0].as_flattened().iter().zip(points[1].as_flattened());
+    assert!(pairs().count() == 3 * 478 && pairs().all(|(one, other)| (one - other).abs() < 1e-4));
+    let mut later = Options::default().profile(read.clone()).open().unwrap();
+    assert_eq!(only_face(&mut later, &clip[0], 0).unwrap().neutral, NeutralFace::Calibrated);
+    assert_eq!(later.profile(), Some(read));
+    assert_eq!(profile_text(&Profile::default()), None);
+    assert!(matches!(parse_profile("format = 1"), Err(Error::File(_))));
+}
+
+#[test]
+fn faces_at_rest_become_the_neutral_face_of_the_wearer_or_of_the_one_whose_they_are() {
+    let mut clip = Vec::new();
+    play(3, |picture, _| clip.push(grey(picture)));
+    let pictures: Vec<_> = clip.iter().map(|samples| pair(samples, &stranger(samples, 1.3))).collect();
+    let [mut one, mut two] = [1, 2].map(|faces| Options::default().max_faces(faces).open().unwrap());
+    let seen = only_face(&mut one, &clip[0], 0).unwrap();
+    one.set_neutral([&seen]).unwrap();
+    assert_eq!(only_face(&mut one, &clip[1], 1).unwrap().neutral, NeutralFace::Calibrated);
+    let show = |two: &mut FaceTracker, number: usize| {
+        let picture = Format::Grey.picture(&pictures[number], [2 * SIZE[0], SIZE[1]]).unwrap();
+        let mut faces: Vec<_> = two.process_all(&picture, Duration::from_millis(33)).unwrap().cloned().collect();
+        faces.sort_by_key(|face| face.id);
+        faces
+    };
+    let faces = show(&mut two, 0);
+    assert!(matches!(two.set_neutral(&faces), Err(Error::Face(message)) if message.contains("different ids")));
+    let mut gone = faces[1].clone();
+    gone.id = 7;
+    assert!(matches!(two.set_neutral([&gone]), Err(Error::Face(message)) if message.contains("face 7")));
+    assert!(matches!(two.set_neutral([]), Err(Error::Neutral(_))));
+    two.set_neutral([&faces[1]]).unwrap();
+    let neutral: Vec<_> = show(&mut two, 1).iter().map(|face| face.neutral).collect();
+    assert_eq!(neutral, [NeutralFace::Mean, NeutralFace::Calibrated]);
 }
 
 /// The picture with something dark over the upper half of this face, as a headset is.

@@ -121,10 +121,17 @@ impl Face {
         self.found.head.yaw_pitch_roll_deg().into()
     }
 
-    /// Rotation of the head as a unit quaternion x, y, z, w.
+    /// Rotation of the head as a unit quaternion x, y, z, w. Its yaw is 0.9 of that which the landmarks show.
     #[getter]
     fn rotation_xyzw(&self) -> (f32, f32, f32, f32) {
         self.found.head.rotation_xyzw.into()
+    }
+
+    /// The rotation that the landmarks show, for what is drawn over the face: a turned face also moves sideways, because a head
+    /// turns about its neck, and therefore seems to turn further than the head does.
+    #[getter]
+    fn apparent_rotation_xyzw(&self) -> (f32, f32, f32, f32) {
+        self.found.head.apparent_rotation_xyzw().into()
     }
 
     /// Position of the point between the eyes from the camera: x to the right of the picture, y down, z away.

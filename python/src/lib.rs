@@ -24,7 +24,9 @@ create_exception!(
 /// The exception for an error: what the caller gave wrongly is a `ValueError`.
 fn exception(error: &Error) -> PyErr {
     match error {
-        Error::Picture(_) | Error::Option(_) | Error::Neutral(_) => PyValueError::new_err(error.to_string()),
+        Error::Picture(_) | Error::Option(_) | Error::Settings(_) | Error::Face(_) | Error::Neutral(_) => {
+            PyValueError::new_err(error.to_string())
+        }
         _ => FacewireError::new_err(error.to_string()),
     }
 }

@@ -1,8 +1,12 @@
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
+use std::{mem, process};
 
-use facewire_library::{Filters, NeutralMode, Options, Profile, default_shaping, neutral_of, read_profile};
+use facewire_library::{
+    Filters, Method, NeutralMode, Options, Shaping, default_shaping, parse_profile, parse_shaping, profile_text,
+    read_profile,
+};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -21,17 +25,25 @@ use crate::times::Times;
 ///     many people.
 /// profile: a file by `facewire calibrate`. With several faces, it is that of the first face that is found.
 /// mirror: whether left and right are swapped in the result.
+/// settings: the tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML: filters, rules, and
+///     gains, offsets and limits, for instance "[smoothing]\njaw_ms = 100\n[adjust]\njawOpen.gain = 1.5". `facewire defaults`
+///     explains them.
+/// method: "network", or "paper" for the formulas of the paper, one for each coefficient, which are less accurate.
 /// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.
+/// focal_length_px: the focal length in pixels of the pictures, in place of the angle of view.
+/// eye_distance_mm: the distance between the pupils, with which the position of the head is in proportion.
 /// model, networks: a blendshape model and a folder of networks in place of the built-in ones.
 /// threads: how many threads compute the networks.
 ///
-/// A tracker belongs to one thread at a time. Threads with a tracker each run at the same time.
+/// A tracker belongs to one thread at a time. Threads with a tracker each run at the same time. It also belongs to the process
+/// that made it: in a child that this process forks, every call raises RuntimeError.
 #[pyclass(frozen, module = "facewire")]
 pub struct FaceTracker {
-    state: Mutex<State>,
+    state: Arc<Mutex<State>>,
+    /// The process that made it.
+    process: u32,
     begun: Instant,
     is_for_stills: bool,
-    is_for_one: bool,
 }
 
 /// The folder of the networks in the installed package. In the extension module they would stay in memory after loading.
@@ -51,7 +63,7 @@ struct State {
 impl FaceTracker {
     #[new]
     #[pyo3(signature = (*, max_faces=1, stills=false, smoothing=true, neutral=None, profile=None, mirror=false,
-        horizontal_fov_deg=60.0, model=None, networks=None, threads=1))]
+        settings=None, method="network", horizontal_fov_deg=60.0, focal_length_px=None, eye_distance_mm=63.0, model=None, networks=None, threads=1))]
     #[expect(clippy::too_many_arguments, reason = "they have names in Python")]
     fn new(
         py: Python<'_>,
@@ -61,19 +73,26 @@ impl FaceTracker {
         neutral: Option<&str>,
         profile: Option<PathBuf>,
         mirror: bool,
+        settings: Option<&str>,
+        method: &str,
         horizontal_fov_deg: f32,
+        focal_length_px: Option<f32>,
+        eye_distance_mm: f32,
         model: Option<PathBuf>,
         networks: Option<PathBuf>,
         threads: u32,
     ) -> PyResult<Self> {
         let options = if stills { Options::for_stills() } else { Options::default() };
-        let mut shaping = default_shaping();
-        shaping.adjustments.mirror = mirror;
-        if stills || !smoothing {
-            shaping.filters = Filters::OFF;
+        let mut options = options
+            .max_faces(max_faces)
+            .threads(threads)
+            .method(method_of(method)?)
+            .horizontal_fov_deg(horizontal_fov_deg)
+            .eye_distance_mm(eye_distance_mm)
+            .shaping(shaping(settings, mirror, smoothing && !stills)?);
+        if let Some(focal_length_px) = focal_length_px {
+            options = options.focal_length_px(focal_length_px);
         }
-        let mut options =
-            options.max_faces(max_faces).threads(threads).horizontal_fov_deg(horizontal_fov_deg).shaping(shaping);
         options = match neutral {
             None => options,
             Some("auto") => options.neutral(NeutralMode::Auto),
@@ -89,10 +108,10 @@ impl FaceTracker {
         options = options.networks(networks.map_or_else(|| networks_of_package(py), Ok)?);
         let tracker = py.detach(|| options.open()).map_err(|error| exception(&error))?;
         Ok(Self {
-            state: Mutex::new(State { tracker, memory: Vec::new(), times: Times::default() }),
+            state: Arc::new(Mutex::new(State { tracker, memory: Vec::new(), times: Times::default() })),
+            process: process::id(),
             begun: Instant::now(),
             is_for_stills: stills,
-            is_for_one: max_faces == 1,
         })
     }
 
@@ -144,25 +163,32 @@ impl FaceTracker {
     /// profile. With max_faces above 1, the faces are those of one id, which is in the last picture, and nobody else's neutral
     /// face changes.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
-        let neutral = neutral_of(faces.iter().map(|face| &face.found)).map_err(|error| exception(&error))?;
-        let profile = Profile::from(neutral);
+        let set = self.lock()?.tracker.set_neutral(faces.iter().map(|face| &face.found));
+        set.map_err(|error| exception(&error))
+    }
+
+    /// Returns what is known of the first face, or of the face with this id in the last picture: the profile that was given, or the
+    /// neutral face that was estimated, once the wearer is known well enough, which takes some seconds at rest. None until then.
+    /// The text is that of a file by `facewire calibrate`, which the option profile and the service read.
+    #[pyo3(signature = (id=None))]
+    fn profile(&self, id: Option<u64>) -> PyResult<Option<String>> {
+        let tracker = &self.lock()?.tracker;
+        let known = id.map_or_else(|| tracker.profile(), |id| tracker.profile_of(id));
+        Ok(known.as_ref().and_then(profile_text))
+    }
+
+    /// Replaces the profile of the first face, or of the face with this id in the last picture, by a text of `profile` or of a file
+    /// by `facewire calibrate`. Coefficients do not jump.
+    #[pyo3(signature = (profile, id=None))]
+    fn set_profile(&self, profile: &str, id: Option<u64>) -> PyResult<()> {
         let tracker = &mut self.lock()?.tracker;
-        if self.is_for_one {
+        let profile = parse_profile(profile).map_err(|error| exception(&error))?;
+        let Some(id) = id else {
             tracker.set_profile(&profile);
             return Ok(());
-        }
-        let id = faces.first().map_or(0, |face| face.found.id);
-        if faces.iter().any(|face| face.found.id != id) {
-            return Err(PyValueError::new_err("these faces have different ids; give those of one id"));
-        }
-        if !tracker.set_profile_of(id, &profile) {
-            let message = format!(
-                "face {id} is not in the last picture; give faces that have the id of one that is. With stills=True and \
-                 several faces, no neutral face is kept"
-            );
-            return Err(PyValueError::new_err(message));
-        }
-        Ok(())
+        };
+        let missing = || PyValueError::new_err(format!("face {id} is not in the last picture"));
+        tracker.set_profile_of(id, &profile).then_some(()).ok_or_else(missing)
     }
 
     /// Forgets all faces, what was learned of them, and the time of the last picture.
@@ -192,9 +218,43 @@ impl FaceTracker {
 
 impl FaceTracker {
     /// A lock that waits would keep the interpreter from the thread that has it.
-    fn lock(&self) -> PyResult<std::sync::MutexGuard<'_, State>> {
+    fn lock(&self) -> PyResult<MutexGuard<'_, State>> {
+        if self.is_of_parent() {
+            let forked = "the process that made this tracker has forked; make a tracker in the child";
+            return Err(PyRuntimeError::new_err(forked));
+        }
         let in_use =
             |_| PyRuntimeError::new_err("another thread uses this tracker; give each thread a tracker of its own");
         self.state.try_lock().map_err(in_use)
     }
+
+    fn is_of_parent(&self) -> bool {
+        self.process != process::id()
+    }
+}
+
+impl Drop for FaceTracker {
+    /// Leaves a parent's tracker as it is: a thread of the parent may have been at work on it.
+    fn drop(&mut self) {
+        if self.is_of_parent() {
+            mem::forget(Arc::clone(&self.state));
+        }
+    }
+}
+
+fn method_of(name: &str) -> PyResult<Method> {
+    let found = Method::NAMES.iter().find(|(known, _)| *known == name);
+    let unknown = || PyValueError::new_err(format!("method={name:?} is not known; give \"network\" or \"paper\""));
+    found.map(|(_, method)| *method).ok_or_else(unknown)
+}
+
+/// What these options make of coefficients.
+fn shaping(settings: Option<&str>, mirror: bool, is_smoothed: bool) -> PyResult<Shaping> {
+    let shaping = settings.map_or_else(|| Ok(default_shaping()), parse_shaping);
+    let mut shaping = shaping.map_err(|error| exception(&error))?;
+    shaping.adjustments.mirror |= mirror;
+    if !is_smoothed {
+        shaping.filters = Filters::OFF;
+    }
+    Ok(shaping)
 }

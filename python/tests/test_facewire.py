@@ -307,6 +307,63 @@ class Results(unittest.TestCase):
         tracker.reset()
         self.assertIsNotNone(tracker.process(PICTURE, 0.0))
 
+    def test_what_is_known_of_a_wearer_goes_out_as_a_text_and_comes_back_from_it_or_from_its_file(self):
+        tracker = facewire.FaceTracker()
+        face = tracker.process(PICTURE, 0.0)
+        self.assertIsNone(tracker.profile())
+        for number in range(1, 100):
+            face = tracker.process(PICTURE, 0.1 * number)
+        self.assertEqual(face.neutral, "estimated")
+        text = tracker.profile()
+        self.assertRegex(text, r"(?s)format = 1\n.*jawOpen = ")
+        self.assertIsNone(tracker.profile(face.id + 1))
+        later = facewire.FaceTracker()
+        later.set_profile(text)
+        self.assertEqual(later.process(PICTURE, 0.0).neutral, "calibrated")
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "anna.toml"
+            file.write_text(text)
+            face = facewire.FaceTracker(profile=file).process(PICTURE, 0.0)
+        self.assertEqual(face.neutral, "calibrated")
+        later.set_profile(text, face.id)
+        with self.assertRaisesRegex(ValueError, "not in the last picture"):
+            later.set_profile(text, face.id + 1)
+        with self.assertRaises(facewire.FacewireError):
+            later.set_profile("format = 1")
+
+    def test_settings_and_method_count(self):
+        def coefficients(**options):
+            return facewire.FaceTracker(**options).process(PICTURE, 0.0).coefficients
+
+        usual, paper = coefficients(), coefficients(method="paper")
+        self.assertFalse(numpy.array_equal(usual, paper))
+        self.assertLess(abs(usual - paper).max(), 0.5)
+        settings = "[adjust]\njawOpen = { gain = 0.0, offset = 0.25 }\n[smoothing]\njaw = \"off\"\n"
+        self.assertEqual(facewire.FaceTracker(settings=settings).process(PICTURE, 0.0)["jawOpen"], 0.25)
+        off = "\n".join(f'smoothing.{part} = "off"' for part in ("lids", "gaze", "brows", "mouth", "jaw", "cheeks", "head"))
+        unsmoothed = facewire.FaceTracker(smoothing=False)
+        by_settings = facewire.FaceTracker(settings=off)
+        for number in range(5):
+            faces = [tracker.process(bgr(number), time_s(number)) for tracker in (unsmoothed, by_settings)]
+            self.assertEqual(*faces)
+
+    def test_the_position_follows_from_the_focal_length_and_the_distance_of_the_pupils(self):
+        def depth_mm(**options):
+            return facewire.FaceTracker(**options).process(PICTURE, 0.0).position_mm[2]
+
+        usual = depth_mm()
+        self.assertAlmostEqual(depth_mm(focal_length_px=320 / numpy.tan(numpy.pi / 6)), usual, 1)
+        self.assertAlmostEqual(depth_mm(focal_length_px=640 / numpy.tan(numpy.pi / 6)), 2 * usual, 1)
+        self.assertAlmostEqual(depth_mm(eye_distance_mm=126), 2 * usual, 1)
+
+    def test_the_apparent_rotation_has_the_yaw_that_the_landmarks_show(self):
+        face = facewire.FaceTracker().process(PICTURE, 0.0)
+        x, y, z, w = face.apparent_rotation_xyzw
+        cosine_of_pitch = numpy.cos(numpy.radians(face.yaw_pitch_roll_deg[1]))
+        # By Rz(roll) Rx(-pitch) Ry(yaw), the lowest row of the matrix has the yaw alone, but for the cosine of the pitch.
+        sine_of_yaw = -2 * (x * z - w * y) / cosine_of_pitch
+        self.assertAlmostEqual(numpy.degrees(numpy.arcsin(sine_of_yaw)), face.yaw_pitch_roll_deg[0] / 0.9, 3)
+
     def test_of_several_faces_each_has_its_own_neutral_face(self):
         tracker = facewire.FaceTracker(max_faces=2)
         pair = numpy.hstack([PICTURE, bgr(20)])
@@ -819,7 +876,10 @@ class Faults(unittest.TestCase):
             (ValueError, {"max_faces": 0}), (ValueError, {"threads": 99}), (ValueError, {"neutral": "maybe"}),
             (ValueError, {"horizontal_fov_deg": float("nan")}), (TypeError, {"unknown": 1}), (OverflowError, {"max_faces": -1}),
             (facewire.FacewireError, {"profile": "/nonexistent.toml"}), (facewire.FacewireError, {"model": "/nonexistent.toml"}),
-            (facewire.FacewireError, {"networks": "/nonexistent"}),
+            (facewire.FacewireError, {"networks": "/nonexistent"}), (ValueError, {"method": "magic"}),
+            (ValueError, {"method": "paper", "model": "/nonexistent.toml"}), (ValueError, {"focal_length_px": 0.0}),
+            (ValueError, {"eye_distance_mm": 0.0}), (ValueError, {"settings": "[camera]"}),
+            (ValueError, {"settings": "smoothing.jaw_ms = 351"}),
         ]:
             with self.assertRaises(wanted, msg=str(options)):
                 facewire.FaceTracker(**options)
@@ -876,6 +936,51 @@ class Resources(unittest.TestCase):
         [thread.start() for thread in threads]
         [thread.join() for thread in threads]
         self.assertTrue(refused, "two threads were in one tracker at the same time")
+
+    def test_a_forked_child_gets_errors_for_a_tracker_of_its_parent_and_neither_hangs_nor_dies(self):
+        code = """
+import gc, os, signal, sys, threading, numpy, facewire
+tracker, picture, is_over, processed = facewire.FaceTracker(threads=4), numpy.zeros((480, 640, 3), numpy.uint8), [], [0]
+def process():
+    while not is_over:
+        tracker.process(picture)
+        processed[0] += 1
+def be_a_child(is_last):
+    global tracker
+    signal.alarm(60)
+    for call in (lambda: tracker.process(picture), lambda: tracker.set_neutral([]), tracker.profile, tracker.reset):
+        try:
+            call()
+        except RuntimeError as error:
+            assert "make a tracker in the child" in str(error), error
+        else:
+            raise AssertionError("the call was taken")
+    del call
+    tracker = None
+    gc.collect()
+    if is_last:
+        assert facewire.FaceTracker().process(picture) is None
+thread = threading.Thread(target=process, daemon=True)
+thread.start()
+for child in range(10):
+    before = processed[0]
+    while processed[0] == before:
+        pass
+    identity = os.fork()
+    if identity == 0:
+        status = 1
+        try:
+            be_a_child(child == 9)
+            status = 0
+        finally:
+            os._exit(status)
+    assert os.waitpid(identity, 0)[1] == 0
+is_over.append(True)
+thread.join()
+print("no child hung")
+"""
+        ran = subprocess.run([sys.executable, "-W", "ignore", "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.assertEqual((ran.returncode, ran.stdout), (0, "no child hung\n"), ran.stderr)
 
     def test_other_threads_run_while_a_picture_is_processed(self):
         tracker, counted, stop = facewire.FaceTracker(max_faces=1), [0], threading.Event()

@@ -2,14 +2,14 @@
 
 use std::io::{IsTerminal as _, stderr};
 
-use facewire_face::{Camera, Landmarks, Rotation, Tracker};
+use facewire_face::{Camera, Landmarks, Method, Rotation, Tracker};
 
 use super::SettingsArgs;
 use super::failure::{Failure, print, say};
 use crate::calibration::{Store, WearerName};
 use crate::capture::{Clip, Frame, Motion, Source as _};
 use crate::clock::monotonic_us;
-use crate::config::{CameraSettings, Method, NetworkSettings, Settings, SolverSettings};
+use crate::config::{CameraSettings, NetworkSettings, Settings, SolverSettings};
 use crate::link::{Link, notes};
 use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
@@ -130,10 +130,10 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
         solver.solve(landmarks, &camera, 0).map_err(|error| Failure::failed(error.to_string()))?;
     }
     let SolverSettings { method, model: path } = &settings.solver;
-    Ok(match method {
+    Ok(match *method {
         _ if !path.is_empty() => path.clone(),
-        Method::Network => "the built-in network".to_owned(),
         Method::Paper => "the built-in formulas of the paper".to_owned(),
+        _ => "the built-in network".to_owned(),
     })
 }
 

@@ -18,6 +18,7 @@ mod value;
 use std::path::Path;
 
 use facewire_board::{WrongEncoding, utf8};
+use facewire_face::Method;
 pub use link::*;
 pub use overlay::Faults;
 pub use schema::schema;

@@ -7,11 +7,14 @@ use super::{
     link::{LinkSettings, Links},
     overlay::{Entry, Field, Overlay, Reader, Section, field, section},
     takes::Takes,
-    value::{ANY_TEXT, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, rotation, text, whole},
+    value::{
+        ANY_TEXT, Choice, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, rotation, text, whole,
+    },
 };
 use facewire_board::HardwareSettings;
 use facewire_face::{
-    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Follow, Group, NeutralMode, Rotation, Rules, Wears,
+    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Follow, Group, Method, NeutralMode, Rotation,
+    Rules, Wears,
 };
 use tracing::level_filters::LevelFilter;
 
@@ -190,17 +193,16 @@ impl SmoothingSettings {
 }
 
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
-choices! {
-    /// Which of the built-in models solves the coefficients.
-    pub enum Method: Network = "network", Paper = "paper"
-}
 choices! { LevelFilter: ERROR = "error", WARN = "warn", INFO = "info", DEBUG = "debug", TRACE = "trace" }
 choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxruntime" }
-choices! {
-    FilterKind: Off = "off", Kalman = "kalman", MovingAverage = "moving-average",
-    TimeWeightedAverage = "time-weighted-average", LowPass = "low-pass", GatedAverage = "gated-average",
-    OneEuro = "one-euro"
-}
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
 choices! { Wears: Nothing = "nothing", Headset = "headset", Mask = "mask" }
 choices! { Follow: Nearest = "nearest", Centre = "centre", Wearer = "wearer" }
+
+impl Choice for Method {
+    const ALL: &'static [(&'static str, Self)] = Self::NAMES;
+}
+
+impl Choice for FilterKind {
+    const ALL: &'static [(&'static str, Self)] = Self::NAMES;
+}

@@ -479,9 +479,9 @@ mod tests {
 
     use super::*;
     use crate::capture::{Clip, DEMO};
-    use crate::config::Method;
     use crate::pipeline::{load_model, load_solver, load_tracker};
     use crate::service::{observer, picture};
+    use facewire_face::Method;
     use facewire_face::testing::Scripted;
 
     /// A frame of the built-in clip in which the face has an expression.

@@ -45,6 +45,19 @@ pub enum FilterKind {
     OneEuro,
 }
 
+impl FilterKind {
+    /// Every kind with its name in the settings.
+    pub const NAMES: &[(&str, Self)] = &[
+        ("off", Self::Off),
+        ("kalman", Self::Kalman),
+        ("moving-average", Self::MovingAverage),
+        ("time-weighted-average", Self::TimeWeightedAverage),
+        ("low-pass", Self::LowPass),
+        ("gated-average", Self::GatedAverage),
+        ("one-euro", Self::OneEuro),
+    ];
+}
+
 /// What a [`Filter`] remembers. A state that another kind left counts as empty; both averages over a window share theirs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) enum FilterState<const N: usize> {

@@ -40,6 +40,7 @@ pub use neutral_estimate::NeutralMode;
 pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;
 pub use pose::{Camera, HeadPose, mirror_image};
+pub use regression::Method;
 pub use smoothing::{Filters, FiltersState, Group};
 pub use solver::{Profile, Shaping, Solution, SolveError, Solver, Wears};
 

@@ -106,6 +106,12 @@ impl NeutralEstimate {
         *position = None;
     }
 
+    /// The wearer's face, if it makes up at least half of the reference and the wearer has not left. The lower half of the face
+    /// is never known further than the upper one.
+    pub(super) fn known(&self) -> Option<&Neutral> {
+        (self.halves.lower.share >= 0.5 && !self.is_fading).then_some(&self.used)
+    }
+
     pub(super) fn reference(&self) -> Reference<'_> {
         let Halves { upper, lower } = self.halves;
         Reference {

@@ -17,6 +17,21 @@ const EMBEDDED_FORMULAS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/formu
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
 
+/// Which of the built-in models solves the coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Method {
+    /// A network with a hidden layer, which also reads how the skin looks.
+    Network,
+    /// One formula of a few distances and landmarks for each coefficient, as in the paper. It is simpler, and less accurate.
+    Paper,
+}
+
+impl Method {
+    /// Every method with its name in the settings.
+    pub const NAMES: &[(&str, Self)] = &[("network", Self::Network), ("paper", Self::Paper)];
+}
+
 impl Model {
     /// The model that is built into the program.
     #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
@@ -27,9 +42,24 @@ impl Model {
     /// The formulas of the paper that are built into the program. The gaze is read as by [`Model::embedded`].
     #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
     pub fn embedded_formulas() -> Self {
-        let formulas = Self::from_bytes(EMBEDDED_FORMULAS).expect("the embedded formulas are whole");
+        Self::from_bytes(EMBEDDED_FORMULAS).expect("the embedded formulas are whole").with_gaze()
+    }
+
+    /// The built-in model of this method.
+    pub fn of(method: Method) -> Self {
+        match method {
+            Method::Network => Self::embedded(),
+            Method::Paper => Self::embedded_formulas(),
+        }
+    }
+
+    /// Formulas that have no way of their own to read the gaze, as a file of them may, read it as [`Model::embedded`] does. Any
+    /// other model stays as it is.
+    #[must_use]
+    pub fn with_gaze(self) -> Self {
+        let Self { regression: Regression::Formulas(_), gaze: None, eyes: None, .. } = &self else { return self };
         let Self { gaze, eyes, .. } = Self::embedded();
-        Self { gaze, eyes, ..formulas }
+        Self { gaze, eyes, ..self }
     }
 
     /// Returns the reference that this model can use. A formula may mix features of both halves of the face, so with formulas
@@ -168,6 +198,19 @@ mod tests {
         let [network, formulas] = [Model::embedded(), Model::embedded_formulas()];
         assert!(matches!(formulas.regression, Regression::Formulas(_)) && formulas.gaze.is_some());
         assert_eq!((formulas.gaze, formulas.eyes, formulas.appearance), (network.gaze, network.eyes, None));
+    }
+
+    #[test]
+    fn a_file_of_formulas_without_tables_of_the_gaze_reads_it_as_the_embedded_ones_do() {
+        let of = |text| ModelFile::parse(text).and_then(|file| file.to_model()).expect("sound");
+        assert!(of(SHIPPED_FORMULAS).with_gaze() == Model::embedded_formulas());
+        let mut own = of(SHIPPED_FORMULAS);
+        own.gaze = Model::embedded().gaze;
+        let mut network = Model::embedded();
+        (network.gaze, network.eyes) = (None, None);
+        for model in [own, network] {
+            assert!(model.clone().with_gaze() == model, "it has a way of its own, or is no set of formulas");
+        }
     }
 
     /// Features near those of a face at rest, of which this share of the neutral face is known.

@@ -82,6 +82,8 @@ pub struct Solver {
     pub neutral_mode: NeutralMode,
     /// What the wearer has on the face.
     pub wears: Wears,
+    /// The distance between the wearer's pupils, above 0: positions of the head are in proportion to it.
+    pub eye_distance_mm: f32,
     history: History,
 }
 
@@ -160,6 +162,7 @@ impl Solver {
             shaping,
             neutral_mode: NeutralMode::Off,
             wears: Wears::default(),
+            eye_distance_mm: HeadPose::EYE_DISTANCE_MM,
             history: History::default(),
         }
     }
@@ -211,7 +214,7 @@ impl Solver {
         }
         let mut corrected = correct(&raw, &self.model.correction, &self.profile);
         counts.rest(&mut corrected);
-        let raw_head = HeadPose::new(&face, camera);
+        let raw_head = HeadPose::new(&face, camera).with_eye_distance(self.eye_distance_mm);
         let Shaping { rules, filters, adjustments } = &self.shaping;
         let history = &mut self.history;
         let [yaw_deg, ..] = raw_head.yaw_pitch_roll_deg();
@@ -286,6 +289,14 @@ impl Solver {
     /// It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
         if self.profile.neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
+    }
+
+    /// What is known of the wearer now: the profile, or the estimated neutral face once it makes up at least half of the
+    /// reference. `None` while there is neither.
+    pub fn known_profile(&self) -> Option<Profile> {
+        let estimated = || self.history.estimate.known();
+        let neutral = self.profile.neutral.as_ref().or_else(estimated)?.clone();
+        Some(Profile { neutral: Some(neutral), ..self.profile.clone() })
     }
 
     /// How often the estimate was forgotten, because another person sat down.

@@ -199,7 +199,7 @@ choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxru
 choices! {
     FilterKind: Off = "off", Kalman = "kalman", MovingAverage = "moving-average",
     TimeWeightedAverage = "time-weighted-average", LowPass = "low-pass", GatedAverage = "gated-average",
-    OneEuro = "one-euro"
+    GatedAsPrinted = "gated-as-printed", OneEuro = "one-euro"
 }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
 choices! { Wears: Nothing = "nothing", Headset = "headset", Mask = "mask" }

@@ -2,7 +2,7 @@
 //!
 //! Every kind returns a weighted mean of its inputs, goes by the time between frames and not by their number, and has the
 //! same two settings. An average over a window of `T` delays by `T / 2`, and so does a low pass with a time constant of
-//! `T / 2`, which also reduces noise by as much.
+//! `T / 2`, which also reduces noise by as much. The gated average as printed alone counts the values within its time.
 
 mod averages;
 

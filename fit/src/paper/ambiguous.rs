@@ -85,7 +85,7 @@ const CHOICES: [[&str; 3]; 24] = [
     [
         "Smoothing",
         "N = 5 is said to have a higher autocorrelation than N = 10, although a longer average usually has more. The frame rate of the 59 ms is not stated.",
-        "Both are measured at 30 frames a second.",
+        "Both are measured at 30 frames a second. It is so for gated averages, and not for moving averages and low passes: figure 9.",
     ],
     [
         "Eq. 13, 14",

@@ -29,7 +29,7 @@ use crate::synth::options::Sources;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-What is not given is rendered into the folder --made, once: 15 minutes on 2 cores, 3 with --quick.
+What is not given is rendered into the folder --made, once: 8 minutes of CPU time, less than 1 with --quick.
 
 Examples:
   facewire-fit paper --out paper.html
@@ -123,7 +123,9 @@ pub fn run(args: &PaperArgs) -> Result<()> {
     let sines = sine::section(&Clip::load_all(&material.sines, true)?, &model)?;
     let compared = comparison(&clips, &model)?;
     let measured = hardware::section(&output::files(&material.clips, &["avi"])?, &cpu())?;
-    let summary = summary(&main_figures(&avatar, coverage, &corrected, &smoothed, &sines, &compared, &measured));
+    let mut rows = basis.main_figures;
+    rows.extend(main_figures(&avatar, coverage, &corrected, &smoothed, &sines, &compared, &measured));
+    let summary = summary(&rows);
     print!("{}", summary.text());
     let sections = [
         ("flow", "Figure 1: the flow", flow()),
@@ -190,6 +192,7 @@ fn main_figures(
         ("same: amplitude", jaw(|own| own.amplitude), 2, "a figure only"),
         ("same: delay, ms", jaw(|own| own.delay_ms), 0, "a figure only"),
         ("sine of each coefficient, as sent: mean r", sines.mean.r, 3, "-"),
+        ("same: mean amplitude", sines.mean.amplitude, 2, "-"),
         ("15 shapes: mean F1", compared.means[0], 2, "0.83"),
         ("15 shapes: mean r", compared.means[1], 3, "0.667"),
         ("15 shapes: mean MSD", compared.means[2], 3, "0.019"),
@@ -243,6 +246,7 @@ fn not_shown() -> Markup {
 struct BasisSections {
     affine: Markup,
     transforms: Markup,
+    main_figures: Vec<Row>,
 }
 
 /// Pictures of one person that figure 2 shows on top of each other.
@@ -267,6 +271,12 @@ fn basis_sections(samples: &[Sample], pictures: &Pictures, known: &Faces, unknow
         (0..samples.len()).filter(|row| samples[*row].subject == subject).take(SHOWN_FACES).collect();
     let drawn = (0..4).map(|step| Ok((basis_chart(&basis, &shown, step)?, BASIS_CAPTIONS[step])));
     let drawn = drawn.collect::<Result<Vec<_>>>()?;
+    let mean_r = |own: &[[f64; 2]]| mean(own.iter().map(|own| own[0]));
+    let mut main_figures = vec![
+        ("8 features of raw landmarks: mean r", mean_r(&results[0]), 3, "a figure only"),
+        ("same, after R1, R2 and R3", mean_r(&results[3]), 3, "a figure only"),
+        ("8 displacements in facewire's basis: mean r", mean_r(&results[4]), 3, "not stated"),
+    ];
     let affine = html! {
         (figures(&drawn, "Figure 2"))
         p { "Below, what each matrix is worth: the spread is the root mean square distance of a landmark from its place in the person's neutral face, in eye distances, over all expressions and turns of the head; r and MSE are those of a linear fit to the " (transforms::FEATURES) " displacements that correlate best, on people that the fit never saw. The paper shows the pictures and no figure." }
@@ -283,12 +293,14 @@ fn basis_sections(samples: &[Sample], pictures: &Pictures, known: &Faces, unknow
     ];
     let sets: Vec<_> = sets.iter().map(|(name, features, is_ordered)| (*name, features, *is_ordered)).collect();
     let results = transforms::compared(&sets, pictures, &shapes)?;
+    main_figures.push(("8 aspect ratios: mean r", mean_r(&results[2]), 3, "not stated"));
+    main_figures.push(("8 principal components: mean r", mean_r(&results[3]), 3, "not stated"));
     let rows = sets.iter().zip(&results).map(|((name, ..), own)| result_row(name, own));
     let transforms = html! {
         p { "Eq. 5: the same linear fit to " (transforms::FEATURES) " features of each kind, the best by correlation, or the first principal components, on people that the fit never saw. Eq. 6, which transforms the truth, is in the table of kinds: \"of sqrt\" and \"of logit\". The paper names these transformations and compares them for CheekPuff alone." }
         (Table::new(transforms::heads("features", &shapes), rows).html())
     };
-    Ok(BasisSections { affine, transforms })
+    Ok(BasisSections { affine, transforms, main_figures })
 }
 
 const BASIS_CAPTIONS: [&str; 4] = [

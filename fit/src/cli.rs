@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 
-use crate::{compare, dataset, evaluate, judge, output, report, segments, synth, train, tune, wearers};
+use crate::{compare, dataset, evaluate, judge, output, paper, report, segments, synth, train, tune, wearers};
 
 #[derive(Parser)]
 #[command(version, about)]
@@ -42,6 +42,8 @@ enum Command {
     Judge(judge::JudgeArgs),
     /// Write the statistics of every blendshape and kind of model as one HTML page with charts
     Report(report::ReportArgs),
+    /// Make every table and figure of the paper in its order, ours beside its figures, as one HTML page
+    Paper(Box<paper::page::PaperArgs>),
     /// Rank the features of every blendshape by correlation, partial F and support vectors, as one HTML page
     Select(segments::SelectArgs),
     /// Render faces with known coefficients, find their landmarks, and write them as a dataset
@@ -76,6 +78,7 @@ fn run(command: Command) -> Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge(args) => judge::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Paper(args) => paper::page::run(&args),
         Command::Select(args) => segments::run(&args),
         Command::Synth(options) => synth::run::run(&options),
         Command::Expressions(options) => synth::describe::run(&options),

@@ -138,11 +138,9 @@ impl FitArgs {
     }
 }
 
-/// Fits kinds for a report and applies them to the held-out subjects. Returns each model with its blendshape.
-pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<(usize, Fitted)>> {
-    let split = Split::new(samples, options.folds, false)?;
-    ensure!(!split.one_subject, "a report of kinds needs several subjects");
-    let tried = options.run_trials(samples, faces, &split, &options.kinds()?)?;
+/// Fits kinds for a report and applies them to the held-out pictures of a split. Returns each model with its blendshape.
+pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions, split: &Split) -> Result<Vec<(usize, Fitted)>> {
+    let tried = options.run_trials(samples, faces, split, &options.kinds()?)?;
     let each = |(blendshape, trials): (usize, Vec<Trial>)| {
         let truth = faces.truth(blendshape, &split.held_out);
         trials.into_iter().map(|trial| (blendshape, as_fitted(&trial, &truth))).collect::<Vec<_>>()

@@ -15,6 +15,9 @@ pub const SIZE_PX: (u32, u32) = (360, 270);
 pub const POINT_PX: i32 = 2;
 pub const BLUE_INK: RGBColor = RGBColor(47, 126, 216);
 pub const ORANGE_INK: RGBColor = RGBColor(230, 126, 34);
+pub const GREEN_INK: RGBColor = RGBColor(39, 174, 96);
+pub const PURPLE_INK: RGBColor = RGBColor(155, 89, 182);
+pub const GREY_INK: RGBColor = RGBColor(140, 150, 165);
 
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub type DrawError = DrawingAreaErrorKind<std::io::Error>;
@@ -73,6 +76,53 @@ pub fn scatter(clouds: &[(&[(f64, f64)], RGBColor)], axes: &[Axis; 2], lines: &[
             chart.draw_series(points.iter().map(|point| Circle::new(*point, POINT_PX, ink.filled())))?;
         }
         chart.draw_series(lines.iter().map(|line| PathElement::new(line.to_vec(), ORANGE_INK.stroke_width(2))))?;
+        Ok(())
+    })
+}
+
+/// What a chart shows of a sequence of points.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    Dots,
+    Line,
+    Dashes,
+    /// The area within the points.
+    Area,
+}
+
+pub struct Curve {
+    pub points: Vec<(f64, f64)>,
+    pub ink: RGBColor,
+    pub mark: Mark,
+}
+
+impl Curve {
+    pub fn new(mark: Mark, ink: RGBColor, points: Vec<(f64, f64)>) -> Self {
+        Self { points, ink, mark }
+    }
+}
+
+/// Draws curves in one chart, the last one on top.
+pub fn curves(curves: &[Curve], axes: &[Axis; 2]) -> Result<String> {
+    svg(SIZE_PX, |area| {
+        let mut chart = chart(area, axes)?;
+        for Curve { points, ink, mark } in curves {
+            let points = points.iter().copied();
+            match mark {
+                Mark::Dots => {
+                    chart.draw_series(points.map(|point| Circle::new(point, POINT_PX, ink.filled())))?;
+                }
+                Mark::Line => {
+                    chart.draw_series(LineSeries::new(points, ink.stroke_width(2)))?;
+                }
+                Mark::Dashes => {
+                    chart.draw_series(DashedLineSeries::new(points, 5, 4, ink.stroke_width(1)))?;
+                }
+                Mark::Area => {
+                    chart.draw_series([Polygon::new(points.collect::<Vec<_>>(), ink.mix(0.2).filled())])?;
+                }
+            }
+        }
         Ok(())
     })
 }

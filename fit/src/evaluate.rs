@@ -118,8 +118,8 @@ type Metrics = [Option<f64>; COLUMNS.len()];
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
-    blendshape: &'static str,
-    moves: bool,
+    pub blendshape: &'static str,
+    pub moves: bool,
     pub metrics: Metrics,
     /// The event counts, or `None` if events were annotated, but not of this blendshape.
     pub events: Option<EventCounts>,
@@ -160,7 +160,7 @@ fn paper_metrics(row: &AgainstArkit) -> Metrics {
     known.map(|value| (!value.is_nan()).then_some(value))
 }
 
-fn means<'a>(scores: impl Iterator<Item = &'a Score>) -> Metrics {
+pub fn means<'a>(scores: impl Iterator<Item = &'a Score>) -> Metrics {
     column_means(&scores.map(|score| score.metrics).collect::<Vec<_>>())
 }
 
@@ -196,7 +196,7 @@ fn line(name: &str, metrics: &Metrics, events: String) -> Vec<String> {
 }
 
 /// Returns a line for each blendshape, followed by the paper's line if it reports this blendshape, and the means.
-fn table(scores: &[Score]) -> Table {
+pub fn table(scores: &[Score]) -> Table {
     let row = |score: &Score| {
         let events = score.events.map_or_else(String::new, |events| format!("{}/{}", events.found, events.reference));
         let paper = paper_row(score.blendshape).map(|row| line("  paper", &paper_metrics(row), String::new()));

@@ -1,7 +1,17 @@
 //! Results of the paper "Statistical Blendshape Calculation and Analysis for Graphics Applications", for comparison,
-//! and the same statistics of our own models.
+//! and the same statistics of our own models. `facewire-fit paper` shows all of them on one page (`page.rs`).
 //!
 //! The paper measured other faces against another truth, so its results give a scale, but do not tell which is better.
+
+pub mod ambiguous;
+pub mod corrective;
+pub mod hardware;
+pub mod material;
+pub mod page;
+pub mod processes;
+pub mod sine;
+pub mod smoothers;
+pub mod transforms;
 
 use facewire_face::model::FormulaScoreTable;
 use nalgebra::DMatrix;

@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use facewire_face::{BLENDSHAPES, COEFFS, Model, model::MAX_HIDDEN};
 use maud::{Markup, html};
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::compare::{self, FitOptions};
+use crate::compare::{self, FitOptions, Split};
 use crate::dataset;
 use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, ORANGE_INK, POINT_PX, SIZE_PX, chart, face, scatter, svg};
 use crate::faces::{Faces, estimates, regression_ns};
@@ -58,7 +58,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let mut fitted = shipped("shipped, neutral known", &model, &known, &rows)?;
     fitted.extend(shipped("shipped, neutral not known", &model, &unknown, &rows)?);
     if !args.kinds.is_empty() {
-        fitted.extend(compare::fitted(&samples, &known, &FitOptions::to_kinds(args.kinds.clone()))?);
+        let options = FitOptions::to_kinds(args.kinds.clone());
+        let split = Split::new(&samples, options.folds, false)?;
+        ensure!(!split.one_subject, "a report of kinds needs several subjects");
+        fitted.extend(compare::fitted(&samples, &known, &options, &split)?);
     }
     let section = |(blendshape, name): (usize, &'static str)| {
         let models: Vec<_> = fitted.iter().filter(|own| own.0 == blendshape).map(|(_, model)| model).collect();
@@ -177,7 +180,7 @@ const GUIDE: [(&str, &str); 8] = [
     ),
 ];
 
-fn cpu() -> String {
+pub fn cpu() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| "an unknown CPU".to_owned(), |(_, name)| name.trim().to_owned())
@@ -187,7 +190,7 @@ fn cpu() -> String {
 const CLOUD: usize = 300;
 const LARGEST: usize = 200;
 
-fn fit_chart(pairs: &[(f64, f64)]) -> Result<String> {
+pub fn fit_chart(pairs: &[(f64, f64)]) -> Result<String> {
     let points: Vec<_> = thinned(pairs).into_iter().map(|(estimate, truth)| (truth, estimate)).collect();
     let axes = [Axis::linear("truth", [0.0, 1.0]), Axis::linear("estimate", [0.0, 1.0])];
     scatter(&[(&points, BLUE_INK)], &axes, &[[(0.0, 0.0), (1.0, 1.0)]])
@@ -200,7 +203,7 @@ fn residual_chart(pairs: &[(f64, f64)]) -> Result<String> {
 }
 
 /// Plots the displacement of a landmark that follows the blendshape (blue), and of one that rests (orange).
-fn movement_chart(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String> {
+pub fn movement_chart(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String> {
     let largest = follows.iter().chain(rests).map(|(_, moved)| moved.abs()).fold(0.0, f64::max);
     let axes = [Axis::linear("truth", [0.0, 1.0]), Axis::linear("displacement", [-largest, largest])];
     let half = |points: &[(f64, f64)]| subsample(&thinned(points), CLOUD / 2);
@@ -215,7 +218,7 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     [largest.to_vec(), subsample(others, CLOUD - LARGEST)].concat()
 }
 
-fn ranked_chart(pairs: &[(f64, f64)]) -> Result<String> {
+pub fn ranked_chart(pairs: &[(f64, f64)]) -> Result<String> {
     let mut pairs = pairs.to_vec();
     pairs.sort_by(|a, b| a.1.total_cmp(&b.1));
     let pairs = subsample(&pairs, CLOUD);

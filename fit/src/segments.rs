@@ -18,6 +18,7 @@ use facewire_face::model::MEASURES;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use crate::compare::Split;
 use crate::dataset::{self, Sample};
 use crate::faces::Faces;
 use crate::shapes::{MODELLED, modelled};
@@ -157,6 +158,11 @@ impl<'a> Pictures<'a> {
         let held_out = known.rows(false)?;
         let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
         Ok(Self { samples, known, seen, held_out })
+    }
+
+    /// Takes a split into pictures that a fit may see, and held-out ones.
+    pub fn of_split(samples: &'a [Sample], known: &'a Faces<'a>, split: &Split) -> Self {
+        Self { samples, known, seen: split.seen.clone(), held_out: split.held_out.clone() }
     }
 
     pub fn feature(&self, feature: usize, rows: &[usize]) -> Vec<f64> {

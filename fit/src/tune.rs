@@ -52,12 +52,13 @@ pub struct Options {
 /// Most jitter that is left at rest, as a share of that without a filter.
 const MOST_JITTER: f64 = 1.0 / 3.0;
 /// The kinds to try, each with its name in the settings and its colour.
-const KINDS: [(FilterKind, &str, RGBColor); 6] = [
+pub const KINDS: [(FilterKind, &str, RGBColor); 7] = [
     (FilterKind::Kalman, "kalman", RGBColor(47, 126, 216)),
     (FilterKind::MovingAverage, "moving-average", RGBColor(230, 126, 34)),
     (FilterKind::TimeWeightedAverage, "time-weighted-average", RGBColor(241, 196, 15)),
     (FilterKind::LowPass, "low-pass", RGBColor(127, 140, 141)),
     (FilterKind::GatedAverage, "gated-average", RGBColor(39, 174, 96)),
+    (FilterKind::GatedAsPrinted, "gated-as-printed", RGBColor(192, 57, 43)),
     (FilterKind::OneEuro, "one-euro", RGBColor(155, 89, 182)),
 ];
 const TIMES_MS: [u16; 10] = [40, 70, 80, 100, 130, 180, 220, 260, 300, 350];

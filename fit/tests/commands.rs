@@ -275,6 +275,7 @@ fn an_output_path_that_cannot_be_written_is_refused_before_the_dataset_is_read()
         ["report", "absent.npz", "--out", "no/report.html"],
         ["select", "absent.npz", "--out", "no/page.html"],
         ["select", "absent.npz", "--csv", "no/ranks.csv"],
+        ["paper", "absent.npz", "--out", "no/paper.html"],
     ] {
         assert!(refusal(&folder, &arguments).contains("cannot write no/"), "{arguments:?}");
     }
@@ -325,6 +326,52 @@ fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth_and_all_curves_correlate
     let found = evaluated(&track, &["--shift", "auto"]);
     assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
     assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);
+}
+
+/// Writes curves of 60 seconds in which every blendshape rises and falls in its own time.
+fn write_curves(folder: &TempDir) {
+    let wave = |frame: usize, shape: usize| (0.07 * (frame * (1 + shape % 5) + 14 * shape) as f64).sin();
+    let row = |frame| (0..BLENDSHAPES.len()).map(move |shape| format!("{:.3}", wave(frame, shape).max(0.0) / 2.0));
+    let rows = (0..1800).map(|frame| row(frame).collect::<Vec<_>>().join(",")).collect::<Vec<_>>();
+    write(folder, "curves.csv", format!("{}\n{}\n", BLENDSHAPES.join(","), rows.join("\n")));
+}
+
+#[test]
+fn the_page_of_the_paper_has_every_section_and_what_is_rendered_is_found_again() {
+    if demo().is_none() {
+        return;
+    }
+    let folder = with_dataset(SUBJECTS);
+    write_curves(&folder);
+    let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/rig");
+    let textures = ["--skins", "young_lightskinned_male2", "--brows", "eyebrow001", "--eyes", "brown_eye"];
+    let sources = [&["--rig", rig, "--curves", "curves.csv"], &textures[..]].concat();
+    let printed =
+        self::printed(&folder, &[&["paper", "faces.npz", "--quick", "--out", "page.html"], &sources[..]].concat());
+    let page = read(&folder, "page.html");
+    let sections =
+        ["summary", "flow", "basis", "segmentation", "transformation", "regression", "correction", "smoothing"];
+    for section in sections.into_iter().chain(["sine", "comparison", "pictures", "hardware", "ambiguous"]) {
+        assert!(page.contains(&format!("id=\"{section}\"")), "{section}");
+    }
+    assert!(
+        !["src=", "<script", "<link", ">NaN", "&gt;NaN"].iter().any(|text| page.contains(text)),
+        "no external resources"
+    );
+    assert!(page.matches("<svg").count() >= 35, "{}", page.matches("<svg").count());
+    let line = |name: &str| printed.lines().find(|line| line.starts_with(&format!("| {name}"))).expect(name).to_owned();
+    let figure =
+        |name: &str| line(name).split('|').nth(2).and_then(|cell| cell.trim().parse::<f64>().ok()).expect(name);
+    assert!(figure("sine of JawOpen, as sent: r") > 0.9, "{printed}");
+    assert!((0.2..1.6).contains(&figure("same: amplitude")), "{printed}");
+    assert!(figure("OLS, SmileLeft of one avatar: R2") > 0.8, "{printed}");
+    assert!(
+        figure("gated average, N = 5: same value after, ms") > 0.0 && figure("memory, median, MB") > 10.0,
+        "{printed}"
+    );
+    let again = run(&folder, &[&["paper", "faces.npz", "--quick", "--out", "again.html"], &sources[..]].concat());
+    let said = String::from_utf8(again.stderr).unwrap();
+    assert_eq!(said.matches("made before").count(), 3, "{said}");
 }
 
 #[test]

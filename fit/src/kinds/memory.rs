@@ -69,18 +69,61 @@ fn squared_distance(one: DVectorView<f64>, other: &[f64]) -> f64 {
 /// Gaussian process regression (Rasmussen and Williams, 2006, algorithm 2.1). Length scale and noise are chosen from a
 /// grid by their marginal likelihood on some of the faces. The signal variance is the most likely one for each of them
 /// (their equation 5.8).
+pub struct GaussianProcess {
+    kernel: Kernel,
+    faces: DMatrix<f64>,
+    decomposed: Cholesky<f64, Dyn>,
+    weights: DVector<f64>,
+    mean: f64,
+    length: f64,
+    noise: f64,
+    variance: f64,
+}
+
+impl GaussianProcess {
+    pub fn fit(kernel: Kernel, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Self> {
+        let mut truth = DVector::from_column_slice(truth);
+        let mean = truth.mean();
+        truth.add_scalar_mut(-mean);
+        let squares = squared_distances(faces);
+        let (length, noise) = kernel.choose(&squares, &truth, (faces.ncols() as f64).sqrt());
+        let decomposed = kernel.decompose(&squares, length, noise).context("the faces repeat each other")?;
+        let weights = decomposed.solve(&truth);
+        let variance = truth.dot(&weights) / truth.len() as f64;
+        Ok(Self { kernel, faces: faces.transpose(), decomposed, weights, mean, length, noise, variance })
+    }
+
+    /// Returns the mean of what a face may show, and its standard deviation with the noise of a single picture.
+    pub fn distribution(&self, face: &[f64]) -> [f64; 2] {
+        let likeness = |other: DVectorView<f64>| self.likeness(other, face);
+        let likenesses = DVector::from_iterator(self.weights.len(), self.faces.column_iter().map(likeness));
+        let explained = likenesses.dot(&self.decomposed.solve(&likenesses));
+        let variance = self.variance * (1.0 + self.noise - explained).max(0.0);
+        [self.mean + likenesses.dot(&self.weights), variance.sqrt()]
+    }
+
+    fn likeness(&self, other: DVectorView<f64>, face: &[f64]) -> f64 {
+        self.kernel.covariance(squared_distance(other, face) / (self.length * self.length))
+    }
+}
+
+impl Predictor for GaussianProcess {
+    fn predict(&self, face: &[f64]) -> f64 {
+        let kept = self.faces.column_iter().zip(&self.weights);
+        self.mean + kept.map(|(other, weight)| weight * self.likeness(other, face)).sum::<f64>()
+    }
+
+    fn weights(&self) -> usize {
+        self.weights.len()
+    }
+
+    fn numbers(&self) -> usize {
+        self.faces.len() + self.weights.len() + 2
+    }
+}
+
 pub fn gaussian_process(kernel: Kernel, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Fitted> {
-    let mut truth = DVector::from_column_slice(truth);
-    let mean = truth.mean();
-    truth.add_scalar_mut(-mean);
-    let squares = squared_distances(faces);
-    let (length, noise) = kernel.choose(&squares, &truth, (faces.ncols() as f64).sqrt());
-    let decomposed = kernel.decompose(&squares, length, noise).context("the faces repeat each other")?;
-    let weights = decomposed.solve(&truth).as_slice().to_vec();
-    let likeness = move |other: DVectorView<f64>, face: &[f64]| {
-        kernel.covariance(squared_distance(other, face) / (length * length))
-    };
-    Ok(Box::new(Likeness { likeness: Box::new(likeness), faces: faces.transpose(), weights, mean, constants: 2 }))
+    Ok(Box::new(GaussianProcess::fit(kernel, faces, truth)?))
 }
 
 impl Kernel {

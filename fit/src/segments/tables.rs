@@ -7,11 +7,10 @@ use anyhow::Result;
 use facewire_face::model::{FeatureId, MEASURES};
 use facewire_face::{BLENDSHAPES, LANDMARKS};
 use maud::{Markup, html};
-use plotters::style::RGBColor;
 use rayon::prelude::*;
 
 use super::{NAMES, PAIRS, Pictures, Ranking, Segment};
-use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, face, scatter};
+use crate::drawing::{Axis, BLUE_INK, GREY_INK, LandmarkMotion, face, scatter};
 use crate::faces::Faces;
 use crate::output::{Table, figures, guide, number};
 use crate::statistics::{mean, subsample};
@@ -190,7 +189,6 @@ const GUIDE: [(&str, &str); 6] = [
 
 /// Number of points for features that are not among the best of any ranking: enough to show their distribution.
 const OTHERS: usize = 250;
-const GREY_INK: RGBColor = RGBColor(140, 150, 165);
 const RANKS: [&str; NAMES.len()] = ["rank by correlation", "rank by partial F", "rank by SVR"];
 
 pub fn order(segment: &Segment) -> Result<String> {

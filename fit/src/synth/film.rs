@@ -12,10 +12,11 @@ use super::assets::Assets;
 use super::canvas::MOST_SAMPLES;
 use super::options::{Set, Sources, picture_size};
 use super::sample::{PictureSpec, Subject, Variety};
-use super::script::{Moment, Part, RATE, Script, random_sway};
+use super::script::{Moment, Part, RATE, Script, random_sway, sines};
 use super::variety::{Condition, Without};
 use super::worker::Imager;
 use crate::output;
+use crate::shapes::modelled;
 
 /// Limit on the length of a clip, longer than any recording.
 const MOST_SECONDS: i64 = 3600;
@@ -30,6 +31,7 @@ const SHUTTER: f32 = 0.4;
   facewire-fit film clips --count 20 --seconds 10      clips/01.avi, clips/01.csv, ...
   facewire-fit film gaze --count 20 --script gaze --seconds 10
   facewire-fit film wearers --count 20 --script wearer  wearers/01.avi, wearers/01.csv, wearers/01.parts.csv, ...
+  facewire-fit film sines --count 1 --script sine --blendshapes jawOpen,eyeBlinkLeft
   facewire track clip.avi --neutral 0..15 --out track.csv")]
 pub struct Options {
     /// The Motion-JPEG file to write (AVI); with --count, the folder for the clips
@@ -46,7 +48,11 @@ pub struct Options {
     /// What the person does
     #[arg(long, value_enum, default_value = "recordings")]
     script: Script,
-    /// Length of a clip in seconds [default: 8]. It starts with half a second of the neutral face. That of a wearer is fixed
+    /// The coefficients of `--script sine`, by ARKit name, separated by commas [default: all]
+    #[arg(long, value_delimiter = ',', value_parser = modelled)]
+    blendshapes: Vec<usize>,
+    /// Length of a clip in seconds [default: 8]. It starts with half a second of the neutral face. That of a wearer and of
+    /// sines is fixed
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: Option<u32>,
     /// Set of textures and recordings to use
@@ -64,8 +70,9 @@ pub struct Options {
 
 pub fn run(options: &Options) -> Result<()> {
     let files = files(options)?;
-    let is_fixed = options.script == Script::Wearer;
-    ensure!(!is_fixed || options.seconds.is_none(), "the length of a wearer's clip is fixed: leave out --seconds");
+    let (script, shapes) = (options.script, &options.blendshapes);
+    ensure!(!script.is_fixed() || options.seconds.is_none(), "the length of this script is fixed: leave out --seconds");
+    ensure!(script == Script::Sine || shapes.is_empty(), "--blendshapes is for --script sine");
     files.iter().flatten().try_for_each(|path| output::check(path))?;
     let recordings = options.sources.curves.recordings(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
@@ -75,17 +82,17 @@ pub fn run(options: &Options) -> Result<()> {
     let shoot = |(number, [film, truth]): (usize, &[PathBuf; 2])| -> Result<()> {
         let person = [options.set.seed(options.seed), FILM_PEOPLE + number as u64];
         let mut subject = Subject::random(&assets, &variety, size, person);
-        let parts = options.script.parts(
-            &mut subject.rng,
-            &recordings,
-            (options.seconds.unwrap_or(SECONDS) * RATE) as usize,
-        )?;
+        let count = (options.seconds.unwrap_or(SECONDS) * RATE) as usize;
+        let parts = match shapes.as_slice() {
+            [] => script.parts(&mut subject.rng, &recordings, count)?,
+            shapes => sines(shapes),
+        };
         let specs = specs(&assets, &mut subject, &parts);
         let mut imager = Imager::new(size, MOST_SAMPLES)?;
         let pictures = specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec));
         let pictures = pictures.collect::<Result<Vec<_>>>()?;
         output::write(film, avi(&pictures, [u32::try_from(size[0])?, u32::try_from(size[1])?], RATE))?;
-        if options.script == Script::Wearer {
+        if script.is_fixed() {
             output::write(&truth.with_extension("parts.csv"), places(&parts))?;
         }
         output::write(truth, table(&specs))?;

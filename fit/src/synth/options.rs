@@ -55,6 +55,16 @@ pub struct SceneOptions {
 }
 
 impl Sources {
+    /// Returns these options as the words of a command line.
+    pub fn arguments(&self) -> Vec<String> {
+        let path = |path: &PathBuf| path.display().to_string();
+        let lists = [("--skins", &self.skins), ("--brows", &self.brows), ("--eyes", &self.eyes)];
+        let lists = lists.into_iter().filter(|(_, list)| !list.is_empty());
+        let textures = lists.flat_map(|(option, list)| [option.to_owned(), list.join(",")]);
+        let curves = ["--curves".to_owned()].into_iter().chain(self.curves.curves.iter().map(path));
+        ["--rig".to_owned(), path(&self.rig)].into_iter().chain(curves).chain(textures).collect()
+    }
+
     /// Returns the indices of the skins, brows and eyes to draw from.
     pub fn textures(&self, set: Set, [skins, brows, eyes]: &[Vec<String>; 3]) -> Result<TextureChoice> {
         let skins = chosen(set, "skins", skins, &self.skins)?;

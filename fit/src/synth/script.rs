@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use facewire_face::COEFFS;
+use facewire_face::{BLENDSHAPES, COEFFS};
 use rand::RngExt;
 use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +14,7 @@ use super::acting::{APART, HALVES_SCALE, with_upper};
 use super::anatomy::{Gaze, enforce_limits, mirrored};
 use super::expression::{Coefficients, GAZE_DEG};
 use super::rig::{piecewise, smoothstep};
-use crate::shapes::{find, index_of};
+use crate::shapes::{MODELLED, find, index_of};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Script {
@@ -25,6 +25,9 @@ pub enum Script {
     /// A wearer: at rest under three lights, the takes of a calibration, a minute of recordings to learn from and 20
     /// seconds to judge, blinks, winks, and a turned head. The length is fixed, and NAME.parts.csv tells where each part is
     Wearer,
+    /// Every coefficient follows a sine, one after the other, with the head still. The length is fixed, and NAME.parts.csv
+    /// tells where each coefficient is
+    Sine,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -88,6 +91,11 @@ const STRETCH_S: usize = 5;
 const FADE_S: f32 = 0.5;
 
 impl Script {
+    /// Whether the script has parts with names and a length of its own.
+    pub fn is_fixed(self) -> bool {
+        matches!(self, Self::Wearer | Self::Sine)
+    }
+
     pub fn parts(self, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Part>> {
         match self {
             Self::Recordings | Self::Gaze => {
@@ -102,8 +110,29 @@ impl Script {
                 Ok(vec![Part { name: "recordings", moments: faces.into_iter().enumerate().map(moment).collect() }])
             }
             Self::Wearer => wearer(rng, recordings),
+            Self::Sine => Ok(sines(&(0..MODELLED).collect::<Vec<_>>())),
         }
     }
+}
+
+/// Length of a period of the sine, and how many of them each coefficient follows.
+pub const PERIOD_S: f32 = 1.0;
+const PERIODS: usize = 2;
+
+/// Returns a part at rest, then one for each of these blendshapes, in which it alone follows a sine from 0 to 1.
+pub fn sines(shapes: &[usize]) -> Vec<Part> {
+    let [jaw_open, mouth_close] = ["jawOpen", "mouthClose"].map(index_of);
+    let wave = |shape: &usize| {
+        acted(BLENDSHAPES[*shape], PERIODS as f32 * PERIOD_S, |time_s| {
+            let mut face = [0.0; COEFFS];
+            face[*shape] = 0.5 - 0.5 * (TAU * time_s / PERIOD_S).cos();
+            // Lips close over an open jaw.
+            face[jaw_open] = face[jaw_open].max(face[mouth_close]);
+            at_rest(face)
+        })
+    };
+    let rest = acted("rest", START_S[0], |_| at_rest([0.0; COEFFS]));
+    [rest].into_iter().chain(shapes.iter().map(wave)).collect()
 }
 
 /// The farthest that eyes look to the sides, and up and down, as shares of their range.

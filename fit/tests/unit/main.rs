@@ -17,7 +17,14 @@ mod judge {
 mod kinds;
 mod network;
 mod output;
-mod paper;
+mod paper {
+    mod corrective;
+    mod figures;
+    mod hardware;
+    mod processes;
+    mod sine;
+    mod transforms;
+}
 mod recording;
 mod reference;
 mod segments;

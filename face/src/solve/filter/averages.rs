@@ -82,8 +82,18 @@ const MAX_VALUES: usize = 32;
 /// response takes as long at every frame rate. As the paper has it, the gate has a step at its edge and closes to nothing
 /// on a still face. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at
 /// its edge, and the gate is never narrower than a few times the jitter of a still face.
+///
+/// [`Self::step_as_printed`] is the filter as the paper has it, and counts values, as the paper does.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Past<const N: usize>(HistoryBuf<([f32; N], f32), MAX_VALUES>);
+
+/// The last values of a time, their number and variance, how far their mean lies from a new value, and the age of the oldest.
+struct Spread<const N: usize> {
+    count: f32,
+    offset: [f32; N],
+    variance: f32,
+    oldest_s: f32,
+}
 
 impl<const N: usize> Past<N> {
     pub fn new(value: [f32; N]) -> Self {
@@ -95,11 +105,36 @@ impl<const N: usize> Past<N> {
     /// Filters the value `x`, `dt_s` seconds after the last one (eq. 11). The last value counts however old it is, so that the
     /// filter also works at low frame rates.
     pub fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
+        let Spread { count, offset, variance, oldest_s } = self.spread(filter.time_s, x, dt_s);
+        let mut value = x;
+        if count >= 1.0 {
+            let gate = variance.sqrt().max(filter.noise_size).max(f32::EPSILON);
+            let inside = if count >= 2.0 { inside(oldest_s) } else { inside_alone(filter.time_s, dt_s) };
+            add(&mut value, 1.0, offset);
+            value = towards(value, x, share(square(offset).sqrt() / gate, inside));
+        }
+        self.0.write((value, dt_s));
+        value
+    }
+
+    /// Eq. 11 as printed: `(f_t + N avg) / (N + 1)` within one deviation of the average of the last N values, and else the
+    /// value itself. N is the number of values in `time_s`; a single one has no deviation, so that nothing is averaged.
+    pub fn step_as_printed(&mut self, time_s: f32, x: [f32; N], dt_s: f32) -> [f32; N] {
+        let Spread { count, offset, variance, .. } = self.spread(time_s, x, dt_s);
+        let mut value = x;
+        if count >= 2.0 && square(offset) <= variance {
+            add(&mut value, count / (count + 1.0), offset);
+        }
+        self.0.write((value, dt_s));
+        value
+    }
+
+    fn spread(&self, window_s: f32, x: [f32; N], dt_s: f32) -> Spread<N> {
         let mut count = 0.0;
         let mut sum = [0.0; N];
         let mut squares = 0.0;
         let mut oldest_s = 0.0;
-        for (value, age_s) in self.values(filter.time_s, dt_s) {
+        for (value, age_s) in self.values(window_s, dt_s) {
             // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
             let from_x = difference(value, x);
             add(&mut sum, 1.0, from_x);
@@ -107,18 +142,10 @@ impl<const N: usize> Past<N> {
             squares += square(from_x);
             oldest_s = age_s;
         }
-        let mut value = x;
-        if count >= 1.0 {
-            let offset = sum.map(|sum| sum / count);
-            // A single value has no deviation. Rounding can make the variance of equal values negative.
-            let variance = (squares - count * square(offset)) / f32::max(count - 1.0, 1.0);
-            let gate = variance.max(0.0).sqrt().max(filter.noise_size).max(f32::EPSILON);
-            let inside = if count >= 2.0 { inside(oldest_s) } else { inside_alone(filter.time_s, dt_s) };
-            add(&mut value, 1.0, offset);
-            value = towards(value, x, share(square(offset).sqrt() / gate, inside));
-        }
-        self.0.write((value, dt_s));
-        value
+        let offset = sum.map(|sum| sum / f32::max(count, 1.0));
+        // A single value has no deviation. Rounding can make the variance of equal values negative.
+        let variance = ((squares - count * square(offset)) / f32::max(count - 1.0, 1.0)).max(0.0);
+        Spread { count, offset, variance, oldest_s }
     }
 
     /// The outputs and their ages, `dt_s` after the newest: the newest, and those that are at most `window_s` old.
@@ -186,6 +213,22 @@ mod tests {
         assert!((near - (0.2 + 0.1 * deviation / 6.0)).abs() < 1e-4, "{near}");
         let [outside] = past.step(&GATED, [0.2 + 1.01 * deviation], FRAME_S);
         assert!((outside - (0.2 + 1.01 * deviation)).abs() < 1e-6, "{outside}");
+    }
+
+    #[test]
+    fn gate_as_printed_gives_what_eq_11_gives_by_hand() {
+        let mut past = Past::new([0.1]);
+        for value in [0.3, 0.1, 0.3, 0.2] {
+            past.0.write(([value], FRAME_S));
+        }
+        // The average is 0.2 and the deviation 0.1, and N is 5: (0.25 + 5 * 0.2) / 6.
+        let [inside] = past.clone().step_as_printed(0.18, [0.25], FRAME_S);
+        assert!((inside - 1.25 / 6.0).abs() < 1e-6, "{inside}");
+        let [outside] = past.clone().step_as_printed(0.18, [0.31], FRAME_S);
+        assert_eq!(outside.to_bits(), 0.31_f32.to_bits());
+        // Of the last 2 values, 0.3 and 0.2, the average is 0.25: (0.28 + 2 * 0.25) / 3.
+        let [of_two] = past.step_as_printed(0.07, [0.28], FRAME_S);
+        assert!((of_two - 0.26).abs() < 1e-6, "{of_two}");
     }
 
     #[test]

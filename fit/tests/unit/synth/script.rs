@@ -81,3 +81,19 @@ fn heads_sway_by_about_20_degrees_without_jumps() {
         assert!(sway.windows(2).all(|pair| (pair[1][0] - pair[0][0]).abs() < 4.0));
     }
 }
+
+#[test]
+fn each_coefficient_alone_follows_two_periods_of_a_sine_from_0_to_1_and_lips_close_over_an_open_jaw() {
+    let [jaw, close] = ["jawOpen", "mouthClose"].map(index_of);
+    let parts = sines(&[jaw, close]);
+    assert_eq!(parts.iter().map(|part| part.name).collect::<Vec<_>>(), ["rest", "jawOpen", "mouthClose"]);
+    assert!(part(&parts, "rest").iter().all(|moment| moment.face == [0.0; COEFFS]));
+    let wave = part(&parts, "jawOpen");
+    assert_eq!(wave.len(), 60);
+    for (frame, wanted) in [(0, 0.0), (5, 0.25), (15, 1.0), (30, 0.0), (45, 1.0)] {
+        assert!((wave[frame].face[jaw] - wanted).abs() < 1e-5, "frame {frame}");
+    }
+    assert!(wave.iter().all(|moment| (moment.face.iter().sum::<f32>() - moment.face[jaw]).abs() < 1e-6));
+    let closed = part(&parts, "mouthClose")[15].face;
+    assert!((closed[jaw] - 1.0).abs() < 1e-5 && (closed[close] - 1.0).abs() < 1e-5);
+}

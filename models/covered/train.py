@@ -7,6 +7,7 @@
 The archives are those of `facewire-fit synth`. `models/visible.fwnet` reads the feature map of the mesh network at its
 landmarks and gives, for each region, the log-odds that it is in view. `models/mouth.fwnet` reads a grey picture of the mouth
 and gives its coefficients. It does not know the wearer, but neither does it need the eyes, which a headset covers.
+In training, a layer that is not written reads its values together with landmarks.
 
 Training changes place, size, turn, sharpness, light and noise of each picture, which is then made even in brightness and
 contrast. The mirror image of a face counts as another face. A covered mouth does not count. All subjects but one in eight are
@@ -35,6 +36,13 @@ REGIONS = ["left_eye", "right_eye", "brows", "mouth", "cheeks"]
 HELD_OUT, IN_VIEW = 8, 0.6
 STEM, BLOCKS = 16, ((2, 24), (1, 24), (2, 48), (1, 48), (2, 64), (1, 64))
 FEWER = 32
+# In training, further values of the picture and these landmarks, in a frame of the mouth's own, give the coefficients as well.
+VALUES, UNITS_SHAPE, NOISE = 32, 64, 0.05
+MIDDLE, LEVEL, SIZE = [61, 291, 0, 17], [[61, 291], [58, 288], [172, 397]], [[58, 288], [172, 397]]
+POINTS = [61, 146, 91, 181, 84, 17, 314, 405, 321, 375, 291, 185, 40, 39, 37, 0, 267, 269, 270, 409, 78, 95, 88, 178, 87, 14,
+          317, 402, 318, 324, 308, 191, 80, 81, 82, 13, 312, 311, 310, 415, 2, 98, 327, 164, 1, 129, 358, 205, 425, 50, 280,
+          187, 411, 207, 427, 216, 436, 212, 432, 202, 422, 43, 273, 57, 287, 106, 335, 182, 406, 18, 200, 199, 175, 152, 148,
+          377, 176, 400, 150, 379, 136, 365, 172, 397, 58, 288]
 BATCH, RATE, DECAY = 256, 4e-3, 2e-3
 # Errors at amplitudes that are rare weigh more: the share of the pictures in a band of amplitude, to this power.
 BANDS, RARITY = np.array([0.02, 0.15, 0.3, 0.5, 0.7]), -0.4
@@ -43,17 +51,31 @@ PREFIXES = ("jaw", "mouth", "cheekPuff")
 UNITS, EPOCHS_VISIBLE, RATE_VISIBLE, DECAY_VISIBLE = 8, 8, 1e-3, 2e-2
 
 
+def framed(landmarks):
+    """Returns the landmarks of the mouth in its own frame, of all those of some faces (faces, landmarks, 3)."""
+    level, size = np.array(LEVEL), np.array(SIZE)
+    centre = landmarks[:, MIDDLE].mean(1, keepdims=True)
+    along = (landmarks[:, level[:, 1]] - landmarks[:, level[:, 0]])[..., :2].sum(1)
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    lines = (landmarks[:, size[:, 1]] - landmarks[:, size[:, 0]])[..., :2]
+    unit = np.hypot(lines[..., 0], lines[..., 1]).sum(1)
+    x, y, z = np.moveaxis((landmarks[:, POINTS] - centre) / unit[:, None, None], 2, 0)
+    sin, cos = np.sin(angle)[:, None], np.cos(angle)[:, None]
+    return np.stack([cos * x + sin * y, cos * y - sin * x, z], 2).astype(np.float32)
+
+
 class Mouths:
-    """The pictures of mouths in view in some archives, true coefficients, and subjects."""
+    """The pictures of mouths in view in some archives, their landmarks, true coefficients, and subjects."""
 
     def __init__(self, paths):
-        pictures, truth, held_out = [], [], []
+        pictures, points, truth, held_out = [], [], [], []
         for path in paths:
             archive = np.load(path)
             names = json.loads(path.with_name("names.json").read_text())
             self.names = [name for name in names if name.startswith(PREFIXES)]
             shown = archive["visible"][:, REGIONS.index("mouth")] > IN_VIEW
-            pictures.append(archive["features"][shown, FIRST:].astype(np.uint8))
+            pictures.append(archive["features"][shown, FIRST:FIRST + SIDE * SIDE].astype(np.uint8))
+            points.append(framed(archive["landmarks"][shown]))
             truth.append(archive["weights"][shown][:, [names.index(name) for name in self.names]])
             held_out.append(archive["subject"][shown] % HELD_OUT == HELD_OUT - 1)
         self.pictures = torch.from_numpy(np.concatenate(pictures).reshape(-1, 1, SIDE, SIDE))
@@ -62,6 +84,11 @@ class Mouths:
         self.judged, self.seen = np.flatnonzero(held_out), np.flatnonzero(~held_out)
         other = lambda name: name.replace("Left", "Right") if "Left" in name else name.replace("Right", "Left")
         self.mirrored = [self.names.index(other(name)) for name in self.names]
+        points = np.concatenate(points)
+        # The landmark that is nearest to the mirror image of another one in the mean of all faces.
+        mean = points.mean(0)
+        self.opposite = np.linalg.norm(mean[:, None] * np.float32([-1, 1, 1]) - mean, axis=2).argmin(1)
+        self.points = torch.from_numpy(points)
         bands = np.digitize(self.truth.numpy(), BANDS)
         shares = np.stack([(bands[self.seen] == band).mean(0) for band in range(len(BANDS) + 1)])
         weights = np.where(shares > 0, np.maximum(shares, 1e-3) ** RARITY, 0)
@@ -89,9 +116,11 @@ def varied(pictures, random):
 
 
 class Mouth(nn.Module):
-    """The network: from the picture of a mouth to its coefficients."""
+    """The network: from the picture of a mouth to its coefficients. In training also by what it sees together with landmarks,
+    which makes it see more.
+    """
 
-    def __init__(self, outputs):
+    def __init__(self, faces):
         super().__init__()
         self.stem = nn.Conv2d(1, STEM, 5, 2, bias=False)
         self.scale, self.activation = nn.BatchNorm2d(STEM), nn.PReLU(STEM)
@@ -99,27 +128,36 @@ class Mouth(nn.Module):
         self.blocks = nn.Sequential(*(eyes.Block(stride, c, channels) for c, (stride, channels) in zip(before, BLOCKS)))
         self.fewer = nn.Conv2d(before[-1], FEWER, 1, bias=False)
         self.fewer_scale, self.fewer_activation = nn.BatchNorm2d(FEWER), nn.PReLU(FEWER)
-        self.outputs = nn.Conv2d(FEWER, outputs, SIDE // 16)
+        self.count, points = len(faces.names), faces.points[faces.seen].flatten(1)
+        self.outputs = nn.Conv2d(FEWER, self.count + VALUES, SIDE // 16)
+        self.mean, self.deviation = points.mean(0), points.std(0) + 2e-3
+        self.sums, self.both_activation = nn.Linear(VALUES + points.shape[1], UNITS_SHAPE), nn.PReLU(UNITS_SHAPE)
+        self.both = nn.Linear(UNITS_SHAPE, self.count)
 
-    def forward(self, x):
+    def forward(self, x, points):
         x = self.activation(self.scale(self.stem(F.pad(x, (1, 2, 1, 2)))))
         x = self.fewer_activation(self.fewer_scale(self.fewer(self.blocks(x))))
-        return self.outputs(F.dropout(x, 0.1, self.training)).flatten(1)
+        found = self.outputs(F.dropout(x, 0.1, self.training)).flatten(1)
+        points = (points.flatten(1) - self.mean) / self.deviation
+        points = points + NOISE * torch.randn_like(points)
+        sums = self.both_activation(self.sums(torch.cat([found[:, self.count:], points], 1)))
+        return found[:, :self.count], self.both(F.dropout(sums, 0.1, self.training))
 
 
 def train(faces, epochs):
     """Returns the trained network."""
     random = np.random.default_rng(1)
     torch.manual_seed(1)
-    mouth = Mouth(len(faces.names)).to(memory_format=torch.channels_last)
+    mouth = Mouth(faces).to(memory_format=torch.channels_last)
     print(f"{len(faces.seen)} pictures")
 
     def loss_of(rows):
-        pictures, truth, weights = faces.pictures[rows], faces.truth[rows], faces.weights[rows]
+        pictures, points, truth, weights = (each[rows] for each in (faces.pictures, faces.points, faces.truth, faces.weights))
         if random.random() < 0.5:
             pictures, truth, weights = pictures.flip(3), truth[:, faces.mirrored], weights[:, faces.mirrored]
+            points = points[:, faces.opposite] * torch.tensor([-1, 1, 1])
         pictures = varied(pictures, random).contiguous(memory_format=torch.channels_last)
-        return (weights * (mouth(pictures) - truth) ** 2).mean()
+        return sum((weights * (found - truth) ** 2).mean() for found in mouth(pictures, points))
 
     return eyes.optimised(mouth, faces.seen, epochs, BATCH, RATE, DECAY, loss_of)
 
@@ -127,7 +165,7 @@ def train(faces, epochs):
 def judge(mouth, faces):
     """Prints how well the held-out subjects are estimated, who are not part of the training."""
     with torch.no_grad():
-        found = torch.cat([mouth(eyes.evened(faces.pictures[rows].float()))
+        found = torch.cat([mouth(eyes.evened(faces.pictures[rows].float()), faces.points[rows])[0]
                            for rows in np.array_split(faces.judged, len(faces.judged) // BATCH + 1)]).numpy()
     truth = faces.truth[faces.judged].numpy()
     rows = [(np.corrcoef(x, y)[0, 1], np.polyfit(x, y, 1)[0], ((x - y) ** 2).mean()) for x, y in zip(truth.T, found.T)]
@@ -145,8 +183,8 @@ def network(mouth):
     x, side, _ = eyes.write_blocks(writer, x, side, before, mouth.blocks, BLOCKS)
     x = writer.add(eyes.CONVOLUTION, [x], (side, FEWER), arrays=eyes.folded(mouth.fewer, mouth.fewer_scale))
     x = writer.add(eyes.PRELU, [x], (side, FEWER), arrays=[mouth.fewer_activation.weight])
-    last = [mouth.outputs.weight.permute(0, 2, 3, 1), mouth.outputs.bias]
-    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, mouth.outputs.out_channels), side, arrays=last))
+    last = [mouth.outputs.weight[:mouth.count].permute(0, 2, 3, 1), mouth.outputs.bias[:mouth.count]]
+    return writer.content(source, writer.add(eyes.CONVOLUTION, [x], (1, mouth.count), side, arrays=last))
 
 
 def train_visible(paths, epochs):
@@ -204,7 +242,7 @@ def main():
     parser.add_argument("archives", nargs="+", type=pathlib.Path, metavar="FACES.npz")
     parser.add_argument("--judge", nargs="+", type=pathlib.Path, metavar="FACES.npz", default=[],
                         help="archives in which the regions in view are judged, too")
-    parser.add_argument("--epochs", type=int, default=20, help="passes over the pictures of mouths (default: 20)")
+    parser.add_argument("--epochs", type=int, default=12, help="passes over the pictures of mouths (default: 12)")
     parser.add_argument("--only", choices=["mouth", "visible"], help="train this network alone")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "models", help="folder of the networks")
     arguments = parser.parse_args()

@@ -16,6 +16,7 @@ use super::anatomy::{
     CONVERGENCE, Gaze, Region, constrain, joined, mirrored, open_for_closed_lips, partner, weaken_side,
 };
 use super::expression::Coefficients;
+use super::prototypes::{LOWER, UPPER};
 use crate::shapes::{find, index_of};
 
 /// Largest factor on the recorded frame that is added to a single shape.
@@ -29,6 +30,13 @@ const SMALL_LOOKS: f64 = 0.4;
 /// Number of shapes that are added to a composed face, and that a grimace consists of.
 const ADDED: RangeInclusive<usize> = 1..=4;
 const GRIMACE: RangeInclusive<usize> = 6..=16;
+
+/// Of combinations of facial actions: the range of their strength, that of the factor on each coefficient, the share in which the
+/// upper or the lower face does nothing, and that in which one side is weaker.
+const STRENGTH: Range<f32> = 0.15..1.25;
+const PROTOTYPE: Range<f32> = 0.7..1.3;
+const WITHOUT: f64 = 0.2;
+const ONE_SIDED: f64 = 0.3;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Kind {
@@ -50,6 +58,8 @@ pub enum Kind {
     Gaze,
     /// A mouth wide open, half open, nearly closed, round or smiling, in six of ten cases with the tongue out
     Tongue,
+    /// A combination of facial actions of brows and lids, and one of the mouth, each as frequent as any other
+    Prototypes,
     /// No expression, to teach what turning the head alone looks like
     Rest,
 }
@@ -81,6 +91,7 @@ impl Expressions {
             Kind::Gaze => self.moments.looking(rng),
             Kind::Halves => self.moments.halves(rng),
             Kind::Tongue => self.moments.tongue_mouth(rng),
+            Kind::Prototypes => self.moments.prototypes(rng),
             Kind::Rest => [0.0; COEFFS],
         };
         constrain(rng, &mut face);
@@ -228,6 +239,26 @@ impl Moments {
         scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
     }
 
+    /// Returns the face of one combination of facial actions above and one below, either of which may be missing or weaker on one
+    /// side, over a trace of a recorded face.
+    fn prototypes(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let mut parts =
+            [UPPER.as_slice(), &LOWER].map(|shapes| shapes.choose(rng).map_or([0.0; COEFFS], |shapes| face(shapes)));
+        for part in &mut parts {
+            let strength = if rng.random_bool(WITHOUT) { 0.0 } else { rng.random_range(STRENGTH) };
+            *part = scaled(rng, part.map(|value| strength * value), PROTOTYPE);
+            if rng.random_bool(ONE_SIDED) {
+                let side = if rng.random() { "Left" } else { "Right" };
+                weaken_side(part, side, rng.random());
+            }
+        }
+        let [upper, lower] = parts.map(|part| if rng.random() { mirrored(&part) } else { part });
+        let (recorded, trace) = (self.either_side(rng), rng.random_range(0.0..TRACE));
+        let mut face = array::from_fn(|index| (upper[index] + lower[index]).max(trace * recorded[index]));
+        shift_gaze(rng, &mut face, 0.5);
+        face
+    }
+
     /// Returns a face with an open mouth, in six of ten cases with the tongue out, anywhere up to fully.
     fn tongue_mouth(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let upper = self.source(rng);
@@ -314,11 +345,12 @@ fn shift_gaze(rng: &mut ChaCha8Rng, face: &mut Coefficients, share: f64) {
 /// Range of the factor on each coefficient: people articulate differently.
 const ARTICULATION: Range<f32> = 0.4..1.6;
 
-type Viseme = &'static [(&'static str, f32)];
+/// Blendshapes by name, those with two sides without it, and their coefficients.
+pub type Shapes = &'static [(&'static str, f32)];
 
 /// The visemes of English, after the groups of MPEG-4 (ISO/IEC 14496-2): p b m, where the lips close over an open jaw;
 /// f v, where the lower lip is below the upper teeth; th; t d; k g; sh ch j; s z; n l; r; a; e i; o; u w.
-const VISEMES: [Viseme; 13] = [
+const VISEMES: [Shapes; 13] = [
     &[("jawOpen", 0.2), ("mouthClose", 0.19), ("mouthPress", 0.3), ("mouthRollUpper", 0.25), ("mouthRollLower", 0.3)],
     &[("jawOpen", 0.1), ("mouthRollLower", 0.5), ("mouthUpperUp", 0.2), ("mouthShrugLower", 0.15)],
     &[("jawOpen", 0.2), ("mouthLowerDown", 0.3), ("mouthUpperUp", 0.15), ("mouthFunnel", 0.1)],
@@ -335,7 +367,7 @@ const VISEMES: [Viseme; 13] = [
 ];
 
 /// Mouths that put out a tongue: wide open, as in recordings; half open; nearly closed; round; and with a smile.
-const TONGUE_MOUTHS: [Viseme; 5] = [
+const TONGUE_MOUTHS: [Shapes; 5] = [
     &[("jawOpen", 0.65), ("mouthStretch", 0.5), ("mouthLowerDown", 0.43), ("mouthShrugUpper", 0.37)],
     &[("jawOpen", 0.4), ("mouthLowerDown", 0.3), ("mouthStretch", 0.2), ("mouthUpperUp", 0.1)],
     &[("jawOpen", 0.2), ("mouthLowerDown", 0.15), ("mouthShrugUpper", 0.15)],
@@ -345,9 +377,9 @@ const TONGUE_MOUTHS: [Viseme; 5] = [
 
 static FACES: LazyLock<[Coefficients; VISEMES.len()]> = LazyLock::new(|| VISEMES.map(face));
 
-fn face(viseme: Viseme) -> Coefficients {
+fn face(shapes: Shapes) -> Coefficients {
     let mut face = [0.0; COEFFS];
-    for (stem, strength) in viseme {
+    for (stem, strength) in shapes {
         for ending in ["", "Left", "Right"] {
             if let Some(index) = find(&format!("{stem}{ending}")) {
                 face[index] = *strength;

@@ -61,6 +61,10 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let [recorded, sampled] = [recorded, sampled].map(|faces| Figures::of(&faces));
     print!("{}", density_table(&recorded, &sampled).text());
+    println!("pairs of the sampled that are correlated above {TIED}:");
+    for (one, other, correlation) in sampled.tied() {
+        println!("  {} and {}: {correlation:.2}", BLENDSHAPES[one], BLENDSHAPES[other]);
+    }
     let body = page(&recorded, &sampled, &mix_text(options.mix.mix(options.set)))?;
     output::write_page(&options.out, "Expressions", &CONTENTS, &[], &body)
 }
@@ -77,6 +81,8 @@ fn table(faces: &[Coefficients]) -> String {
 pub const VISIBLE: f64 = 0.1;
 const STRONG: f64 = 0.3;
 const ZERO: f64 = 0.01;
+/// Two coefficients that are correlated more than this are hardly told apart by what is fitted to these expressions.
+const TIED: f64 = 0.5;
 const QUANTILES: [f64; 4] = [0.5, 0.75, 0.9, 0.99];
 
 pub struct Figures {
@@ -115,6 +121,17 @@ impl Figures {
 
     pub fn visible(&self) -> f64 {
         self.densities.iter().enumerate().map(|(count, share)| count as f64 * share).sum()
+    }
+
+    /// The pairs of coefficients that are correlated above [`TIED`], but for those of both sides, and of the gaze.
+    pub fn tied(&self) -> Vec<(usize, usize, f64)> {
+        let is_listed =
+            |index: &usize| !BLENDSHAPES[*index].ends_with("Right") && !BLENDSHAPES[*index].starts_with("eyeLook");
+        let listed: Vec<usize> = (0..MODELLED).filter(is_listed).collect();
+        let pairs =
+            listed.iter().enumerate().flat_map(|(place, one)| listed[place + 1..].iter().map(|other| (*one, *other)));
+        let correlated = pairs.map(|(one, other)| (one, other, self.correlations[(one, other)]));
+        correlated.filter(|(_, _, correlation)| *correlation > TIED).collect()
     }
 
     /// Returns the smallest number of visible coefficients that this share of the expressions does not exceed.

@@ -4,7 +4,7 @@
 //! ```text
 //! Subject -> PictureSpec -> Head -> samples -> light -> JPEG -> Landmarks -> archive
 //! sample     sample         render  canvas     canvas   camera  worker       archive
-//!            acting, anatomy, script        expression, tongue, scene, shade, paint
+//!            acting, prototypes, anatomy, script        expression, tongue, scene, shade, paint
 //! ```
 //!
 //! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows
@@ -24,6 +24,7 @@ pub mod options;
 pub mod paint;
 pub mod person;
 pub mod props;
+pub mod prototypes;
 pub mod render;
 pub mod rig;
 pub mod run;

@@ -5,6 +5,7 @@ use facewire_face::{BLENDSHAPES, COEFFS};
 use facewire_fit::shapes::index_of;
 use facewire_fit::statistics::pearson;
 use facewire_fit::synth::acting::*;
+use facewire_fit::synth::describe::Figures;
 use facewire_fit::synth::expression::Coefficients;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -46,6 +47,24 @@ fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
             assert!(strong > 20 && weak > 20, "{} {strong} {weak}", BLENDSHAPES[index]);
         }
     }
+}
+
+#[test]
+fn combinations_of_facial_actions_tie_no_two_coefficients_of_the_brows_and_roll_both_lips_and_each_alone() {
+    // A recording in which all brows move together, as those of one person do.
+    let faces = drawn(moments(200), &[(Kind::Prototypes, 1.0)], &[], 6000);
+    let brows = ["browDownLeft", "browInnerUp", "browOuterUpLeft"].map(index_of);
+    for (one, other, correlation) in Figures::of(&faces).tied() {
+        assert!(!(brows.contains(&one) && brows.contains(&other)), "{one} {other} {correlation}");
+    }
+    let share =
+        |is: &dyn Fn(&Coefficients) -> bool| faces.iter().filter(|face| is(face)).count() as f64 / faces.len() as f64;
+    let [inner, outer, down] = ["browInnerUp", "browOuterUpLeft", "browDownLeft"].map(index_of);
+    let [upper, lower] = ["mouthRollUpper", "mouthRollLower"].map(index_of);
+    assert!(share(&|face| face[inner] > 0.4 && face[outer] < 0.16) > 0.02);
+    assert!(share(&|face| face[inner] > 0.3 && face[down] > 0.2) > 0.02);
+    assert!(share(&|face| face[upper] > 0.4 && face[lower] > 0.4) > 0.01);
+    assert!(share(&|face| face[upper] > 0.4 && face[lower] < 0.16) > 0.005);
 }
 
 #[test]

@@ -93,7 +93,8 @@ struct facewire_options {
   // A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
   const char *profile;
   // The tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML, or NULL: filters, rules,
-  // and gains, offsets and limits. `facewire defaults` explains them.
+  // and gains, offsets and limits. `facewire defaults` explains them. With FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED there is
+  // no filter to be set.
   const char *settings;
   // A blendshape model in place of the built-in one, or NULL. The file brings its own method.
   const char *model;
@@ -219,7 +220,7 @@ int32_t facewire_set_neutral(struct facewire_tracker *tracker,
 // Writes what is known of the wearer whose face has this id in the last picture, or of the first face if `id` is 0: the profile
 // that was given, or the neutral face that was estimated, once the wearer is known well enough. The text is that of a file by
 // `facewire calibrate`, and has at most FACEWIRE_PROFILE_BYTES with the 0 at its end. Returns its length, 0 if not enough is
-// known, or -1 after an error.
+// known, or -1 after an error, such as an id that is not in the last picture.
 //
 // # Safety
 // The pointers lead to what they are said to lead to, and no other thread uses the tracker.
@@ -229,7 +230,9 @@ int32_t facewire_profile(struct facewire_tracker *tracker,
                          size_t bytes);
 
 // Replaces the profile of the face with this id in the last picture, or of the first face if `id` is 0, by a text of
-// facewire_profile() or of a file by `facewire calibrate`. Coefficients do not jump. Returns 0, or -1 after an error.
+// facewire_profile() or of a file by `facewire calibrate`. NULL takes the profile away. Coefficients do not jump. A profile of
+// the first face remains after facewire_reset(), and so does what facewire_set_neutral() gives if max_faces is 1.
+// Returns 0, or -1 after an error.
 //
 // # Safety
 // The pointers lead to what they are said to lead to, and no other thread uses the tracker.
@@ -244,7 +247,8 @@ int32_t facewire_set_profile(struct facewire_tracker *tracker,
 // The pointer is NULL or leads to a tracker.
 const char *facewire_message(const struct facewire_tracker *tracker);
 
-// Forgets all faces and what was learned of them.
+// Forgets all faces, what was learned of them and their profiles, but that of the first face: facewire_set_profile() takes it
+// away.
 //
 // # Safety
 // The pointer is NULL or leads to a tracker that no other thread uses.

@@ -4,12 +4,13 @@
 //! a pointer leads to as much memory as is told, and that a tracker is open, is the caller's promise.
 
 use std::ffi::{CStr, c_char};
+use std::mem::offset_of;
 use std::time::Duration;
 use std::{process, ptr};
 
 use facewire_library::{
-    BLENDSHAPES, Error, FaceTracker, Filters, Format, Method, NeutralFace, NeutralMode, Options as Chosen, Pixels,
-    Shaping, default_shaping, parse_profile, parse_shaping, profile_text, read_profile,
+    BLENDSHAPES, Error, FaceTracker, Filters, Format, MAX_SIDE_PX, Method, NeutralFace, NeutralMode, Options as Chosen,
+    Pixels, Profile, Shaping, default_shaping, parse_profile, parse_shaping, profile_text, read_profile,
 };
 
 /// Number of blendshapes.
@@ -89,7 +90,8 @@ pub struct Options {
     /// A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
     pub profile: *const c_char,
     /// The tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML, or NULL: filters, rules,
-    /// and gains, offsets and limits. `facewire defaults` explains them.
+    /// and gains, offsets and limits. `facewire defaults` explains them. With FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED there is
+    /// no filter to be set.
     pub settings: *const c_char,
     /// A blendshape model in place of the built-in one, or NULL. The file brings its own method.
     pub model: *const c_char,
@@ -224,8 +226,8 @@ const DEFAULTS: Options = Options {
     model: ptr::null(),
     networks: ptr::null(),
 };
-/// The size of the first version, which later ones keep.
-const FIRST_OPTIONS_BYTES: usize = size_of::<Options>();
+/// The size of the first version, whose last field is `networks`. Later ones are larger.
+const FIRST_OPTIONS_BYTES: usize = offset_of!(Options, networks) + size_of::<*const c_char>();
 /// No version is larger.
 const MAX_OPTIONS_BYTES: usize = 4096;
 
@@ -357,6 +359,10 @@ fn shaping(flags: u32, settings: Option<&str>) -> Result<Shaping, String> {
     let mut shaping = settings.map_or_else(|| Ok(default_shaping()), parse_shaping).map_err(told)?;
     shaping.adjustments.mirror |= flags & FACEWIRE_MIRROR != 0;
     if flags & (FACEWIRE_STILLS | FACEWIRE_UNSMOOTHED) != 0 {
+        if shaping.filters != default_shaping().filters {
+            let both = "settings set [smoothing], but FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED switches all filters off";
+            return Err(both.to_owned());
+        }
         shaping.filters = Filters::OFF;
     }
     Ok(shaping)
@@ -410,7 +416,7 @@ pub unsafe extern "C" fn facewire_process(
 ) -> i32 {
     let run = |tracker: &mut FaceTracker| {
         // SAFETY: the caller promises that the pointer is null or leads to a picture, and its data to as many bytes as it tells.
-        let picture = unsafe { picture.as_ref() }.ok_or("there is no picture".to_owned())?;
+        let picture = unsafe { picture.as_ref() }.ok_or("there is no picture")?;
         // SAFETY: as above.
         let picture = unsafe { picture_of(picture) }?;
         tracker.process_all(&picture, Duration::from_micros(time_us)).map(drop).map_err(told)?;
@@ -442,6 +448,9 @@ unsafe fn picture_of(picture: &Picture) -> Result<facewire_library::Picture<'_>,
     let [first, second] = picture.chroma;
     let has_full_range = picture.is_video_range == 0;
     if first.is_null() {
+        if !second.is_null() {
+            return Err("chroma[1] is set, and chroma[0] is NULL".to_owned());
+        }
         return format.padded_picture(data, size, stride, has_full_range).map_err(told);
     }
     // SAFETY: the caller promises that there are so many at each plane.
@@ -461,7 +470,12 @@ unsafe fn picture_of(picture: &Picture) -> Result<facewire_library::Picture<'_>,
         _ => return Err("the format does not have these planes of chroma".to_owned()),
     };
     let found = facewire_library::Picture::new(size[0], size[1], pixels, has_full_range);
-    found.ok_or_else(|| format!("the planes are too short for a picture of {} x {} pixels", size[0], size[1]))
+    found.ok_or_else(|| {
+        format!(
+            "the planes are too short for a picture of {} x {} pixels, or a side is not 1 to {MAX_SIDE_PX} pixels long",
+            size[0], size[1]
+        )
+    })
 }
 
 /// # Safety
@@ -501,20 +515,26 @@ pub unsafe extern "C" fn facewire_set_neutral(tracker: *mut Tracker, faces: *con
 /// Writes what is known of the wearer whose face has this id in the last picture, or of the first face if `id` is 0: the profile
 /// that was given, or the neutral face that was estimated, once the wearer is known well enough. The text is that of a file by
 /// `facewire calibrate`, and has at most FACEWIRE_PROFILE_BYTES with the 0 at its end. Returns its length, 0 if not enough is
-/// known, or -1 after an error.
+/// known, or -1 after an error, such as an id that is not in the last picture.
 ///
 /// # Safety
 /// The pointers lead to what they are said to lead to, and no other thread uses the tracker.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn facewire_profile(tracker: *mut Tracker, id: u64, text: *mut c_char, bytes: usize) -> i32 {
     let run = |tracker: &mut FaceTracker| {
+        if id != 0 && tracker.faces().all(|face| face.id != id) {
+            return Err(missing(id));
+        }
         let known = if id == 0 { tracker.profile() } else { tracker.profile_of(id) };
         let found = known.as_ref().and_then(profile_text).unwrap_or_default();
-        if text.is_null() || bytes <= found.len() {
+        let bytes = if text.is_null() { 0 } else { bytes };
+        if !found.is_empty() && bytes <= found.len() {
             return Err(format!("the profile takes {} bytes", found.len() + 1));
         }
-        // SAFETY: the caller promises that so many bytes can be written there.
-        write_message(&found, unsafe { std::slice::from_raw_parts_mut(text.cast(), bytes) });
+        if bytes > 0 {
+            // SAFETY: the caller promises that so many bytes can be written there.
+            write_message(&found, unsafe { std::slice::from_raw_parts_mut(text.cast(), bytes) });
+        }
         Ok(found.len())
     };
     // SAFETY: the caller promises that the pointer is null or leads to a tracker.
@@ -522,7 +542,9 @@ pub unsafe extern "C" fn facewire_profile(tracker: *mut Tracker, id: u64, text: 
 }
 
 /// Replaces the profile of the face with this id in the last picture, or of the first face if `id` is 0, by a text of
-/// facewire_profile() or of a file by `facewire calibrate`. Coefficients do not jump. Returns 0, or -1 after an error.
+/// facewire_profile() or of a file by `facewire calibrate`. NULL takes the profile away. Coefficients do not jump. A profile of
+/// the first face remains after facewire_reset(), and so does what facewire_set_neutral() gives if max_faces is 1.
+/// Returns 0, or -1 after an error.
 ///
 /// # Safety
 /// The pointers lead to what they are said to lead to, and no other thread uses the tracker.
@@ -530,17 +552,21 @@ pub unsafe extern "C" fn facewire_profile(tracker: *mut Tracker, id: u64, text: 
 pub unsafe extern "C" fn facewire_set_profile(tracker: *mut Tracker, id: u64, text: *const c_char) -> i32 {
     let run = |tracker: &mut FaceTracker| {
         // SAFETY: the caller promises that the text ends with a 0.
-        let text = unsafe { text_of(text) }?.ok_or("there is no text")?;
-        let profile = parse_profile(text).map_err(told)?;
+        let text = unsafe { text_of(text) }?;
+        let profile = text.map_or_else(|| Ok(Profile::default()), parse_profile).map_err(told)?;
         if id == 0 {
             tracker.set_profile(&profile);
         } else if !tracker.set_profile_of(id, &profile) {
-            return Err(format!("face {id} is not in the last picture"));
+            return Err(missing(id));
         }
         Ok(0)
     };
     // SAFETY: the caller promises that the pointer is null or leads to a tracker.
     unsafe { call(tracker, run) }
+}
+
+fn missing(id: u64) -> String {
+    format!("face {id} is not in the last picture")
 }
 
 /// What went wrong in the last call that returned a number; empty if nothing did. The text belongs to the tracker, and changes
@@ -554,7 +580,8 @@ pub unsafe extern "C" fn facewire_message(tracker: *const Tracker) -> *const c_c
     unsafe { tracker.as_ref() }.map_or(c"there is no tracker".as_ptr(), |tracker| tracker.message.as_ptr().cast())
 }
 
-/// Forgets all faces and what was learned of them.
+/// Forgets all faces, what was learned of them and their profiles, but that of the first face: facewire_set_profile() takes it
+/// away.
 ///
 /// # Safety
 /// The pointer is NULL or leads to a tracker that no other thread uses.

@@ -8,8 +8,11 @@ mod skip;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::mem::{self, MaybeUninit};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::ptr;
 
 use facewire::capture::{Clip, Source as _};
 use facewire_library::{FaceTracker, Format, Pixels};
@@ -121,6 +124,28 @@ fn a_program_in_c_gets_the_values_of_the_rust_crate_to_the_last_bit() {
 }
 
 #[test]
+fn no_picture_that_a_program_in_c_gives_makes_the_library_allocate() {
+    // SAFETY: there are default options, and no room for a message.
+    let tracker = unsafe { facewire_c::facewire_open(ptr::null(), ptr::null_mut(), 0) };
+    let film = clip(FRAMES);
+    // SAFETY: numbers and null pointers may be 0.
+    let mut picture = unsafe { mem::zeroed::<facewire_c::Picture>() };
+    (picture.width, picture.height, picture.format) = (640, 480, facewire_c::FACEWIRE_I422);
+    let mut process = |samples: &[u8]| {
+        (picture.data, picture.bytes) = (samples.as_ptr(), samples.len());
+        let mut face = MaybeUninit::<facewire_c::Face>::uninit();
+        // SAFETY: the tracker and the picture are there, and there is memory for one face.
+        assert_eq!(unsafe { facewire_c::facewire_process(tracker, &raw const picture, 0, face.as_mut_ptr(), 1) }, 1);
+    };
+    let (before, measured) = film.split_at(film.len() / 2);
+    before.chunks(2 * 640 * 480).for_each(&mut process);
+    let allocated = allocation_counter::measure(|| measured.chunks(2 * 640 * 480).for_each(&mut process));
+    // SAFETY: the tracker is used no more.
+    unsafe { facewire_c::facewire_close(tracker) };
+    assert_eq!(allocated.count_total, 0);
+}
+
+#[test]
 fn careless_programs_are_refused_without_harm() {
     for (compiler, source) in [("cc", "tests/hostile.c"), ("c++", "tests/hostile.c")] {
         let ran = run(source, compiler, &[]);
@@ -172,6 +197,32 @@ fn an_installed_library_is_found_by_pkg_config_and_linked_by_the_name_of_its_int
     );
     let ran = Command::new(&program).env("LD_LIBRARY_PATH", prefix.join("lib")).output().unwrap();
     assert!(String::from_utf8_lossy(&ran.stderr).starts_with("usage: film"), "{ran:?}");
+}
+
+#[test]
+fn a_relative_cargo_target_dir_is_that_of_the_callers_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let cargo = "#!/bin/sh\nmkdir -p \"$CARGO_TARGET_DIR/release\"\ncd \"$CARGO_TARGET_DIR/release\"\n\
+                 echo built | tee libfacewire_c.a >libfacewire_c.so\n";
+    for folder in ["bin", "c/include", "scripts", "elsewhere"] {
+        fs::create_dir_all(path.join(folder)).unwrap();
+    }
+    for file in ["install", "build.rs", "include/facewire.h"] {
+        fs::copy(format!("{FOLDER}/{file}"), path.join("c").join(file)).unwrap();
+    }
+    fs::write(path.join("Cargo.toml"), "version = \"0.1.0\"\n").unwrap();
+    for (program, text) in [("bin/cargo", cargo), ("scripts/setup", "#!/bin/sh\n")] {
+        fs::write(path.join(program), text).unwrap();
+        fs::set_permissions(path.join(program), fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let programs = format!("{}:{}", path.join("bin").display(), std::env::var("PATH").unwrap());
+    let mut install = Command::new(path.join("c/install"));
+    install.arg("installed").current_dir(path.join("elsewhere"));
+    let installed = install.env("PATH", programs).env("CARGO_TARGET_DIR", "built").output().unwrap();
+    assert!(installed.status.success(), "{}", String::from_utf8_lossy(&installed.stderr));
+    assert_eq!(fs::read_to_string(path.join("elsewhere/installed/lib/libfacewire.a")).unwrap(), "built\n");
+    assert!(path.join("elsewhere/built/release").exists());
 }
 
 /// One line for each function, constant and field that programs in C rely on: a field with its place and size on 64-bit systems.

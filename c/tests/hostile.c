@@ -43,6 +43,17 @@ static void knows_the_options_of_later_versions(void)
     facewire_default_options((struct facewire_options *)few, sizeof few), facewire_default_options(NULL, 9);
 }
 
+/* Programs that were compiled with the first version of the header go on, however many options come after its own. */
+static void knows_the_options_of_the_first_version(void)
+{
+    struct facewire_options options = default_options();
+    options.struct_size = sizeof(void *) == 8 ? 72 : 48;
+    struct facewire_tracker *tracker = facewire_open(&options, NULL, 0);
+    assert(tracker != NULL);
+    facewire_close(tracker);
+    options.struct_size -= 1, refuses_to_open(options, "facewire_default_options");
+}
+
 int main(void)
 {
     struct facewire_options options = default_options();
@@ -52,15 +63,20 @@ int main(void)
     options = default_options(), options.method = 2, refuses_to_open(options, "method");
     options = default_options(), options.method = FACEWIRE_PAPER, options.model = "x", refuses_to_open(options, "method");
     options = default_options(), options.horizontal_fov_deg = NAN, refuses_to_open(options, "fov");
+    options.focal_length_px = 500, refuses_to_open(options, "fov");
     options = default_options(), options.focal_length_px = -1, refuses_to_open(options, "focal_length_px");
     options = default_options(), options.eye_distance_mm = 0, refuses_to_open(options, "eye_distance_mm");
     options = default_options(), options.profile = "/nonexistent", refuses_to_open(options, "/nonexistent");
     options = default_options(), options.settings = "smoothing.jaw_ms = 351", refuses_to_open(options, "smoothing.jaw_ms");
+    options = default_options(), options.settings = "smoothing.jaw_ms = 100", options.flags = FACEWIRE_STILLS;
+    refuses_to_open(options, "FACEWIRE_STILLS");
+    options.flags = FACEWIRE_UNSMOOTHED, refuses_to_open(options, "FACEWIRE_UNSMOOTHED");
     options = default_options(), options.model = "\xff\xfe", refuses_to_open(options, "UTF-8");
     options = default_options(), options.networks = "", options.max_faces = 99, refuses_to_open(options, "max_faces");
     options.struct_size = 0, refuses_to_open(options, "facewire_default_options");
     options.struct_size = SIZE_MAX, refuses_to_open(options, "facewire_default_options");
     knows_the_options_of_later_versions();
+    knows_the_options_of_the_first_version();
 
     struct facewire_tracker *tracker = facewire_open(NULL, NULL, 0);
     assert(tracker != NULL && facewire_message(tracker)[0] == 0);
@@ -69,27 +85,29 @@ int main(void)
     struct facewire_face face;
     const struct facewire_picture good = {data, bytes, 64, 48, 0, FACEWIRE_RGB, 0, {NULL, NULL}, 0, 0};
     assert(facewire_process(tracker, &good, 0, &face, 1) == 0);
-    struct facewire_picture bad[15];
-    for (size_t i = 0; i < 15; i++)
+    struct facewire_picture bad[17];
+    for (size_t i = 0; i < 17; i++)
         bad[i] = good;
     bad[0].data = NULL, bad[1].bytes = bytes - 1, bad[2].width = 0, bad[3].height = UINT32_MAX, bad[4].stride = 191;
     bad[5].stride = SIZE_MAX, bad[6].format = 10, bad[7].format = UINT32_MAX, bad[8].width = UINT32_MAX, bad[9].bytes = 0;
-    for (size_t i = 10; i < 15; i++)
+    for (size_t i = 10; i < 17; i++)
         bad[i].format = FACEWIRE_I420, bad[i].chroma[0] = bad[i].chroma[1] = data, bad[i].chroma_bytes = 32 * 24;
     bad[10].chroma_bytes -= 1, bad[11].chroma[1] = NULL, bad[12].chroma_stride = SIZE_MAX, bad[13].format = FACEWIRE_NV12;
-    bad[14].format = FACEWIRE_RGB;
-    for (size_t i = 0; i < 15; i++) {
+    bad[14].format = FACEWIRE_RGB, bad[15].chroma[0] = NULL, bad[16].width = 4097;
+    for (size_t i = 0; i < 17; i++) {
         assert(facewire_process(tracker, &bad[i], i, &face, 1) == -1);
         assert(strlen(facewire_message(tracker)) > 10);
     }
+    assert(strstr(facewire_message(tracker), "4097 x 48") != NULL && strstr(facewire_message(tracker), "4096") != NULL);
     assert(facewire_process(tracker, NULL, 0, &face, 1) == -1 && facewire_process(NULL, &good, 0, &face, 1) == -1);
     assert(facewire_process(tracker, &good, UINT64_MAX, NULL, 5) == 0 && facewire_process(tracker, &good, 0, &face, 0) == 0);
     assert(facewire_message(tracker)[0] == 0 && facewire_message(NULL)[0] != 0);
     char text[9] = "";
     assert(facewire_set_neutral(tracker, NULL, 5) == -1 && facewire_set_neutral(tracker, &face, 0) == -1);
     assert(facewire_set_neutral(NULL, &face, 1) == -1 && facewire_profile(NULL, 0, text, sizeof text) == -1);
-    assert(facewire_profile(tracker, 0, NULL, 9) == -1 && facewire_profile(tracker, 0, text, 0) == -1);
-    assert(facewire_set_profile(tracker, 0, NULL) == -1 && facewire_set_profile(tracker, 0, "format = 1") == -1);
+    assert(facewire_profile(tracker, 0, NULL, 9) == 0 && facewire_profile(tracker, 0, text, 0) == 0);
+    assert(facewire_profile(tracker, 7, text, sizeof text) == -1 && facewire_set_profile(tracker, 7, NULL) == -1);
+    assert(facewire_set_profile(tracker, 0, NULL) == 0 && facewire_set_profile(tracker, 0, "format = 1") == -1);
     assert(facewire_set_profile(NULL, 0, text) == -1 && strlen(facewire_message(tracker)) > 10);
     for (size_t i = 0; i < FACEWIRE_BLENDSHAPES; i++)
         assert(strlen(facewire_blendshape(i)) > 6);

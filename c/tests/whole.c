@@ -114,13 +114,31 @@ static void a_wearer_is_kept(const struct facewire_picture *picture)
     int length = facewire_profile(one, face.id, text, sizeof text);
     assert(length > 5000 && strlen(text) == (size_t)length);
     assert(facewire_profile(one, 0, again, (size_t)length) == -1 && strstr(facewire_message(one), "bytes") != NULL);
-    assert(facewire_profile(one, face.id + 1, again, sizeof again) == 0);
+    assert(facewire_profile(one, face.id + 1, again, sizeof again) == -1);
+    assert(strstr(facewire_message(one), "not in the last picture") != NULL);
     assert(facewire_set_profile(other, 0, text) == 0);
     face = face_in(other, picture, 0);
     assert(face.neutral == 2);
     assert(facewire_profile(other, 0, again, sizeof again) == length && strstr(again, "jawOpen") != NULL);
     assert(facewire_set_profile(other, face.id, text) == 0 && facewire_set_profile(other, face.id + 1, text) == -1);
     facewire_close(one), facewire_close(other);
+}
+
+static void a_profile_remains_after_a_reset_until_it_is_taken_away(const struct facewire_picture *picture)
+{
+    struct facewire_tracker *tracker = open_with(default_options());
+    struct facewire_face face = face_in(tracker, picture, 0);
+    assert(facewire_set_neutral(tracker, &face, 1) == 0);
+    facewire_reset(tracker);
+    face = face_in(tracker, picture, 0);
+    assert(face.neutral == 2);
+    assert(facewire_set_profile(tracker, face.id, NULL) == 0 && face_in(tracker, picture, 33000).neutral == 0);
+    facewire_reset(tracker);
+    assert(face_in(tracker, picture, 0).neutral == 2);
+    assert(facewire_set_profile(tracker, 0, NULL) == 0 && face_in(tracker, picture, 33000).neutral == 0);
+    facewire_reset(tracker);
+    assert(face_in(tracker, picture, 0).neutral == 0);
+    facewire_close(tracker);
 }
 
 int main(int argc, char **argv)
@@ -135,6 +153,7 @@ int main(int argc, char **argv)
     planes_may_lie_anywhere(&picture);
     options_count(&picture);
     a_wearer_is_kept(&picture);
+    a_profile_remains_after_a_reset_until_it_is_taken_away(&picture);
     free(data);
     puts(facewire_version());
     return 0;

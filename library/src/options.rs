@@ -28,30 +28,27 @@ pub struct Options {
 
 /// What is known of the camera's lens.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Lens {
+pub(crate) struct Lens {
     /// Angle of view across the width of the camera's picture.
-    FovDeg(f32),
-    /// Focal length in pixels of the picture.
-    FocalPx(f32),
+    fov_deg: f32,
+    /// Focal length in pixels of the picture, which counts in place of the angle of view.
+    focal_px: Option<f32>,
 }
 
 impl Lens {
     /// The camera that took a picture.
     pub fn camera(self, picture: &Picture) -> Camera {
-        match self {
-            Self::FovDeg(fov_deg) => {
-                let camera = Camera::new(picture.size_px(), fov_deg);
-                if picture.rotation().is_sideways() { camera.on_its_side() } else { camera }
-            }
-            Self::FocalPx(focal_px) => Camera::of_focal_length(picture.size_px(), focal_px),
+        if let Some(focal_px) = self.focal_px {
+            return Camera::of_focal_length(picture.size_px(), focal_px);
         }
+        let camera = Camera::new(picture.size_px(), self.fov_deg);
+        if picture.rotation().is_sideways() { camera.on_its_side() } else { camera }
     }
 
     fn check(self) -> Result<(), Error> {
-        match self {
-            Self::FovDeg(fov_deg) => need((10.0..=170.0).contains(&fov_deg), "horizontal_fov_deg can be 10 to 170"),
-            Self::FocalPx(focal_px) => need((10.0..=1e5).contains(&focal_px), "focal_length_px can be 10 to 100000"),
-        }
+        let is_length = self.focal_px.is_none_or(|focal_px| (10.0..=1e5).contains(&focal_px));
+        need(is_length, "focal_length_px can be 10 to 100000")?;
+        need((10.0..=170.0).contains(&self.fov_deg), "horizontal_fov_deg can be 10 to 170")
     }
 }
 
@@ -64,7 +61,7 @@ impl Default for Options {
         Self {
             max_faces: 1,
             stills: false,
-            lens: Lens::FovDeg(60.0),
+            lens: Lens { fov_deg: 60.0, focal_px: None },
             eye_distance_mm: HeadPose::EYE_DISTANCE_MM,
             profile: Profile::default(),
             shaping: default_shaping(),
@@ -132,13 +129,13 @@ impl Options {
 
     /// Angle of view across the width of the camera's picture, degrees (default 60). The position of the head depends on it.
     pub fn horizontal_fov_deg(self, horizontal_fov_deg: f32) -> Self {
-        Self { lens: Lens::FovDeg(horizontal_fov_deg), ..self }
+        Self { lens: Lens { fov_deg: horizontal_fov_deg, focal_px: None }, ..self }
     }
 
     /// Focal length in pixels of the pictures, in place of the angle of view. Pixels are square, and the optical axis goes through
     /// the middle of the picture.
     pub fn focal_length_px(self, focal_length_px: f32) -> Self {
-        Self { lens: Lens::FocalPx(focal_length_px), ..self }
+        Self { lens: Lens { focal_px: Some(focal_length_px), ..self.lens }, ..self }
     }
 
     /// The distance between the pupils of those who are seen (default 63). The position of the head is in proportion to it.

@@ -206,7 +206,8 @@ impl FaceTracker {
         }
     }
 
-    /// Replaces the profile of the first face, as [`Options::profile`] gives it. Its coefficients do not jump.
+    /// Replaces the profile of the first face, as [`Options::profile`] gives it. Its coefficients do not jump. The profile
+    /// remains after [`FaceTracker::reset`]; `Profile::default()` takes it away.
     pub fn set_profile(&mut self, profile: &Profile) {
         self.profile = profile.clone();
         if let Some(first) = self.people.first_mut() {

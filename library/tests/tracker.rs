@@ -530,6 +530,8 @@ fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
     assert!(error(Options::default().max_faces(0)).contains("max_faces"));
     assert!(error(Options::default().threads(1000)).contains("threads"));
     assert!(error(Options::default().horizontal_fov_deg(f32::NAN)).contains("horizontal_fov_deg"));
+    let both = Options::default().horizontal_fov_deg(f32::NAN).focal_length_px(500.0);
+    assert!(error(both).contains("horizontal_fov_deg"));
     assert!(error(Options::default().networks("/nonexistent")).contains("/nonexistent"));
     assert!(error(Options::default().model("/nonexistent.toml")).contains("/nonexistent.toml"));
 }

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 use std::{mem, process};
 
 use facewire_library::{
-    Filters, Method, NeutralMode, Options, Shaping, default_shaping, parse_profile, parse_shaping, profile_text,
-    read_profile,
+    Filters, Method, NeutralMode, Options, Profile, Shaping, default_shaping, parse_profile, parse_shaping,
+    profile_text, read_profile,
 };
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -27,7 +27,7 @@ use crate::times::Times;
 /// mirror: whether left and right are swapped in the result.
 /// settings: the tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML: filters, rules, and
 ///     gains, offsets and limits, for instance "[smoothing]\njaw_ms = 100\n[adjust]\njawOpen.gain = 1.5". `facewire defaults`
-///     explains them.
+///     explains them. With stills=True or smoothing=False there is no filter to be set.
 /// method: "network", or "paper" for the formulas of the paper, one for each coefficient, which are less accurate.
 /// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.
 /// focal_length_px: the focal length in pixels of the pictures, in place of the angle of view.
@@ -160,8 +160,8 @@ impl FaceTracker {
     }
 
     /// Makes the mean of these faces the neutral face of the wearer, who looks at the camera, at rest. This replaces the
-    /// profile. With max_faces above 1, the faces are those of one id, which is in the last picture, and nobody else's neutral
-    /// face changes.
+    /// profile, and remains after `reset`, until `set_profile(None)`. With max_faces above 1, the faces are those of one id,
+    /// which is in the last picture, nobody else's neutral face changes, and `reset` forgets it.
     fn set_neutral(&self, faces: Vec<PyRef<'_, Face>>) -> PyResult<()> {
         let set = self.lock()?.tracker.set_neutral(faces.iter().map(|face| &face.found));
         set.map_err(|error| exception(&error))
@@ -169,29 +169,35 @@ impl FaceTracker {
 
     /// Returns what is known of the first face, or of the face with this id in the last picture: the profile that was given, or the
     /// neutral face that was estimated, once the wearer is known well enough, which takes some seconds at rest. None until then.
-    /// The text is that of a file by `facewire calibrate`, which the option profile and the service read.
+    /// The text is that of a file by `facewire calibrate`, which the option profile and the service read. An id that is not in
+    /// the last picture is a ValueError.
     #[pyo3(signature = (id=None))]
     fn profile(&self, id: Option<u64>) -> PyResult<Option<String>> {
         let tracker = &self.lock()?.tracker;
+        if let Some(id) = id.filter(|id| tracker.faces().all(|face| face.id != *id)) {
+            return Err(missing(id));
+        }
         let known = id.map_or_else(|| tracker.profile(), |id| tracker.profile_of(id));
         Ok(known.as_ref().and_then(profile_text))
     }
 
     /// Replaces the profile of the first face, or of the face with this id in the last picture, by a text of `profile` or of a file
-    /// by `facewire calibrate`. Coefficients do not jump.
+    /// by `facewire calibrate`. None takes the profile away. Coefficients do not jump. A profile of the first face remains
+    /// after `reset`.
     #[pyo3(signature = (profile, id=None))]
-    fn set_profile(&self, profile: &str, id: Option<u64>) -> PyResult<()> {
+    fn set_profile(&self, profile: Option<&str>, id: Option<u64>) -> PyResult<()> {
         let tracker = &mut self.lock()?.tracker;
-        let profile = parse_profile(profile).map_err(|error| exception(&error))?;
+        let profile = profile.map_or_else(|| Ok(Profile::default()), parse_profile);
+        let profile = profile.map_err(|error| exception(&error))?;
         let Some(id) = id else {
             tracker.set_profile(&profile);
             return Ok(());
         };
-        let missing = || PyValueError::new_err(format!("face {id} is not in the last picture"));
-        tracker.set_profile_of(id, &profile).then_some(()).ok_or_else(missing)
+        tracker.set_profile_of(id, &profile).then_some(()).ok_or_else(|| missing(id))
     }
 
-    /// Forgets all faces, what was learned of them, and the time of the last picture.
+    /// Forgets all faces, what was learned of them, the time of the last picture, and all profiles but that of the first face,
+    /// which `set_profile(None)` takes away.
     fn reset(&self) -> PyResult<()> {
         let mut state = self.lock()?;
         state.tracker.reset();
@@ -205,7 +211,7 @@ impl FaceTracker {
         Ok(())
     }
 
-    /// At the end of a `with`, the tracker forgets everything, as by `reset`.
+    /// At the end of a `with`, the tracker forgets what `reset` forgets.
     fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
         this
     }
@@ -242,6 +248,10 @@ impl Drop for FaceTracker {
     }
 }
 
+fn missing(id: u64) -> PyErr {
+    PyValueError::new_err(format!("face {id} is not in the last picture"))
+}
+
 fn method_of(name: &str) -> PyResult<Method> {
     let found = Method::NAMES.iter().find(|(known, _)| *known == name);
     let unknown = || PyValueError::new_err(format!("method={name:?} is not known; give \"network\" or \"paper\""));
@@ -254,6 +264,10 @@ fn shaping(settings: Option<&str>, mirror: bool, is_smoothed: bool) -> PyResult<
     let mut shaping = shaping.map_err(|error| exception(&error))?;
     shaping.adjustments.mirror |= mirror;
     if !is_smoothed {
+        if shaping.filters != default_shaping().filters {
+            let both = "settings set [smoothing], but stills=True or smoothing=False switches all filters off";
+            return Err(PyValueError::new_err(both));
+        }
         shaping.filters = Filters::OFF;
     }
     Ok(shaping)

@@ -304,8 +304,20 @@ class Results(unittest.TestCase):
         self.assertEqual(faces[0].neutral, "mean")
         tracker.set_neutral(faces)
         self.assertEqual(tracker.process(PICTURE, 1.0).neutral, "calibrated")
+
+    def test_a_profile_remains_after_a_reset_until_it_is_taken_away(self):
+        with facewire.FaceTracker() as tracker:
+            tracker.set_neutral([tracker.process(PICTURE, 0.0)])
+        face = tracker.process(PICTURE, 0.0)
+        self.assertEqual(face.neutral, "calibrated")
+        tracker.set_profile(None, face.id)
+        self.assertEqual(tracker.process(PICTURE, 0.03).neutral, "mean")
         tracker.reset()
-        self.assertIsNotNone(tracker.process(PICTURE, 0.0))
+        self.assertEqual(tracker.process(PICTURE, 0.0).neutral, "calibrated")
+        tracker.set_profile(None)
+        self.assertEqual(tracker.process(PICTURE, 0.03).neutral, "mean")
+        tracker.reset()
+        self.assertEqual(tracker.process(PICTURE, 0.0).neutral, "mean")
 
     def test_what_is_known_of_a_wearer_goes_out_as_a_text_and_comes_back_from_it_or_from_its_file(self):
         tracker = facewire.FaceTracker()
@@ -316,7 +328,8 @@ class Results(unittest.TestCase):
         self.assertEqual(face.neutral, "estimated")
         text = tracker.profile()
         self.assertRegex(text, r"(?s)format = 1\n.*jawOpen = ")
-        self.assertIsNone(tracker.profile(face.id + 1))
+        with self.assertRaisesRegex(ValueError, "not in the last picture"):
+            tracker.profile(face.id + 1)
         later = facewire.FaceTracker()
         later.set_profile(text)
         self.assertEqual(later.process(PICTURE, 0.0).neutral, "calibrated")
@@ -880,6 +893,9 @@ class Faults(unittest.TestCase):
             (ValueError, {"method": "paper", "model": "/nonexistent.toml"}), (ValueError, {"focal_length_px": 0.0}),
             (ValueError, {"eye_distance_mm": 0.0}), (ValueError, {"settings": "[camera]"}),
             (ValueError, {"settings": "smoothing.jaw_ms = 351"}),
+            (ValueError, {"settings": "smoothing.jaw_ms = 100", "stills": True}),
+            (ValueError, {"settings": "smoothing.jaw_ms = 100", "smoothing": False}),
+            (ValueError, {"horizontal_fov_deg": float("nan"), "focal_length_px": 500.0}),
         ]:
             with self.assertRaises(wanted, msg=str(options)):
                 facewire.FaceTracker(**options)

@@ -19,7 +19,8 @@ examples:
   python -m facewire 0 -o live.csv              the first camera, until Ctrl-C
   python -m facewire /dev/video2 | tee live.csv
 
-The columns are those of `facewire track`. A frame without a face has the state `neutral` and zeros.
+The columns are those of `facewire track`, and each row is written at once. A frame without a face has the state `neutral`
+and zeros.
 """
 _REGIONS = ("left_eye", "right_eye", "brows", "mouth", "cheeks", "face")
 _HEAD = ("head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm")
@@ -54,8 +55,16 @@ def main(arguments: Optional[List[str]] = None) -> int:
             return 0
     except FileNotFoundError as error:
         print(f"facewire: there is no file {error.filename or error}", file=sys.stderr)
-    except (FacewireError, OSError) as error:
+    except BrokenPipeError:
+        # Whoever read the table has left. What is still to be written to standard output at the exit goes nowhere.
+        if given.out is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (FacewireError, OSError, ValueError) as error:
         print(f"facewire: {error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("facewire: stopped before the first frame", file=sys.stderr)
+        return 130
     return 1
 
 
@@ -72,10 +81,11 @@ def _write(frames: Iterable[TrackedFrame], file: Any) -> None:
     try:
         for frame in frames:
             table.writerow(_row(frame))
+            file.flush()
             count += 1
             seen += frame.face is not None
     except KeyboardInterrupt:
-        pass
+        file.flush()
     print(f"facewire: {count} frames, {seen} with a face", file=sys.stderr)
 
 

@@ -19,6 +19,9 @@ def batch(pictures: Iterable[Any], *, workers: Optional[int] = None, **options: 
     workers: how many threads work, each with a tracker of its own. Without it, one for each core.
     options: those of FaceTracker. It is made with `stills=True`, so the faces have no history.
 
+    A picture that cannot be read raises when its result would come, and ends the batch. At a `break`, pictures that wait are
+    left out.
+
         for path, faces in zip(paths, facewire.batch(paths, max_faces=4)): ...
     """
     if isinstance(pictures, (str, bytes, os.PathLike)):
@@ -39,13 +42,16 @@ def _batch(pictures: Iterable[Any], trackers: Any, workers: int) -> Iterator[Lis
             trackers.put(tracker)
 
     waiting: Deque[Any] = collections.deque()
-    with concurrent.futures.ThreadPoolExecutor(workers) as pool:
+    pool = concurrent.futures.ThreadPoolExecutor(workers)
+    try:
         for picture in pictures:
             waiting.append(pool.submit(find, picture))
             if len(waiting) > 2 * workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _find(tracker: FaceTracker, picture: Any) -> List[Face]:

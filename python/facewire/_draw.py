@@ -104,7 +104,9 @@ def _bars(picture: Any, coefficients: Any) -> None:
     rows = max(height // row_px, 1)
     columns = -(-len(BLENDSHAPES) // rows)
     part = picture[:, :columns * column_px]
-    part //= 3
+    # A fourth channel says how opaque a pixel is.
+    colours = part if part.ndim == 2 else part[:, :, :3]
+    colours //= 3
     for place, (name, value) in enumerate(zip(BLENDSHAPES, coefficients)):
         x, y = place // rows * column_px, place % rows * row_px
         bar = picture[y + size // 2:y + row_px - size // 2, x:x + int(value * column_px + 0.5)]

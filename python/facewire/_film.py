@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import os
 import stat
 import threading
@@ -19,6 +20,10 @@ Source = Union[str, "os.PathLike[str]", int]
 
 # So many frames of a video may wait for a consumer; then the video waits.
 _WAITING_FRAMES = 8
+# So often a thread that waits for room looks whether anybody is left who could make it.
+_LOOK_EVERY_S = 1.0
+# Times that go back by more than this begin anew.
+_MAX_BACK_S = 0.5
 
 
 class _Frame(NamedTuple):
@@ -52,6 +57,13 @@ class TrackedFrame(_Frame):
         frame.picture = picture
         return frame
 
+    def _replace(self, **values: Any) -> TrackedFrame:
+        frame = super()._replace(**values)
+        frame.faces, frame.picture = self.faces, self.picture
+        return frame
+
+    __replace__ = _replace
+
 
 class Track(Iterator[TrackedFrame]):
     """The frames of a video or a camera, which `close()`, or the end of a `with`, lets go of. So does the last frame."""
@@ -78,8 +90,12 @@ def track(source: Source, tracker: Optional[FaceTracker] = None, *, pictures: bo
     """Yields every frame of a video or a camera with its face, and with all its faces if the tracker follows several.
 
     source: the path of a video, or a camera: its number (0 for the first) or its path (`/dev/video0`).
-    tracker: is reset first. Without one, it is made with these options, which are those of FaceTracker.
+    tracker: is reset first, and keeps its profile. Without one, it is made with these options, which are those of FaceTracker.
     pictures: whether each frame has its `picture`. A list of all frames would then hold the whole video.
+
+    The times of a camera are those that its driver gives to pictures, or those of their arrival where it gives none. Times of a
+    video that go back by half a second or less stand still until they are reached again; after a longer step they go on from
+    the last one.
 
     A video needs PyAV (`pip install av`) or OpenCV (`pip install opencv-python`), a camera OpenCV.
 
@@ -111,31 +127,41 @@ async def track_async(
             await send(frame.face)
 
     The camera is released when the loop ends. After a `break` that is when the generator is closed, at the latest with the event
-    loop; to choose the moment, use `contextlib.aclosing`.
+    loop; to choose the moment, keep the generator in a variable and await its `aclose()`.
     """
     import asyncio
 
-    frames = track(source, tracker, **options)
     loop, came = asyncio.get_running_loop(), asyncio.Event()
+    # Networks take a moment to load.
+    frames = await loop.run_in_executor(None, lambda: track(source, tracker, **options))
     waiting: Deque[Any] = collections.deque(maxlen=1 if newest else None)
     room = None if newest or _is_camera(source) else threading.Semaphore(_WAITING_FRAMES)
     is_over = threading.Event()
 
+    def call(function: Any, *arguments: Any) -> None:
+        # A loop that was closed calls nothing.
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(function, *arguments)
+
+    def wait_for_room() -> None:
+        # A loop that was closed without its generators takes no frame any more.
+        while room is not None and not room.acquire(timeout=_LOOK_EVERY_S) and not loop.is_closed():
+            pass
+
     def read() -> None:
         end: Any = None
         try:
-            for frame in frames:
-                if room is not None:
-                    room.acquire()
-                if is_over.is_set():
-                    break
-                waiting.append(frame)
-                loop.call_soon_threadsafe(came.set)
-        except Exception as error:  # It is raised where the frames are awaited.
+            with frames:
+                for frame in frames:
+                    wait_for_room()
+                    if is_over.is_set() or loop.is_closed():
+                        break
+                    waiting.append(frame)
+                    call(came.set)
+        except BaseException as error:  # It is raised where the frames are awaited.
             end = error
         finally:
-            frames.close()
-            loop.call_soon_threadsafe(finish, end)
+            call(finish, end)
 
     ends = []
 
@@ -178,25 +204,34 @@ def _track(decoded: Iterator[Tuple[float, Picture]], tracker: FaceTracker, with_
     for number, (time_s, picture) in enumerate(decoded):
         begun_s = time_s if begun_s is None else begun_s
         # In a video that was joined from several, times may begin anew. They go on from the last one then.
-        begun_s = min(begun_s, time_s - last_s)
+        if last_s - (time_s - begun_s) > _MAX_BACK_S:
+            begun_s = time_s - last_s
         last_s = max(time_s - begun_s, last_s)
         faces = tracker.process_all(picture, last_s)
         yield TrackedFrame(number, last_s, faces[0] if faces else None, faces, picture if with_pictures else None)
 
 
 def _read_camera(source: Union[str, int]) -> Iterator[Tuple[float, Picture]]:
-    """Yields the pictures of a camera as they come, with the time of each."""
+    """Yields the pictures of a camera as they come, with the time at which each was taken."""
     try:
         import cv2
     except ImportError:
         raise FacewireError("to read a camera, install OpenCV (pip install opencv-python)") from None
     camera = cv2.VideoCapture(source if isinstance(source, int) else os.path.realpath(source), cv2.CAP_V4L2)
+    last_s = last_now_s = 0.0
+    has_times, ahead_s = True, 0.0
     try:
         while True:
             is_there, picture = camera.read()
             if not is_there:
                 raise FacewireError(f"camera {source} gives no pictures; is it plugged in, and does no other program use it?")
-            yield time.monotonic(), picture
+            now_s, time_s = time.monotonic(), camera.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            # Pictures that waited for a slow consumer come at the wrong time, but the driver knows when they were taken. If it
+            # does not, the times go on by the clock.
+            if has_times and not time_s > last_s:
+                has_times, ahead_s = False, last_s - last_now_s
+            last_s, last_now_s = time_s if has_times else now_s + ahead_s, now_s
+            yield last_s, picture
     finally:
         camera.release()
 

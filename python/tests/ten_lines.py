@@ -26,7 +26,7 @@ class Ended(Exception):
 class OpenCV:
     """Stands in for OpenCV: a camera, and a window that nobody closes."""
 
-    CAP_V4L2 = 200
+    CAP_V4L2, CAP_PROP_POS_MSEC = 200, 0
 
     def __init__(self, pictures):
         self.left, self.shown = iter(pictures), []
@@ -40,6 +40,10 @@ class OpenCV:
         for picture in self.left:
             return True, picture.copy()
         raise Ended
+
+    def get(self, _):
+        """Knows no times."""
+        return 0.0
 
     def release(self):
         """Closes the camera."""

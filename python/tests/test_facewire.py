@@ -2,6 +2,8 @@
 
 import asyncio
 import collections.abc
+import concurrent.futures
+import contextlib
 import copy
 import csv
 import fractions
@@ -84,10 +86,11 @@ def write_film(path, times_ms, quarters):
 class Camera:
     """Stands in for OpenCV, whose camera shows these pictures and is pulled out then."""
 
-    CAP_V4L2 = 200
+    CAP_V4L2, CAP_PROP_POS_MSEC = 200, 0
 
-    def __init__(self, pictures):
+    def __init__(self, pictures, times_ms=()):
         self.left, self.opened, self.released = iter(pictures), None, threading.Event()
+        self.times_ms = iter(times_ms)
         self.has_shown_all = threading.Event()
 
     def VideoCapture(self, source, kind):
@@ -102,6 +105,10 @@ class Camera:
         self.has_shown_all.set()
         return False, None
 
+    def get(self, _):
+        """Returns the time of the picture, or 0 without one."""
+        return next(self.times_ms, 0.0)
+
     def release(self):
         """Lets go of the camera."""
         self.released.set()
@@ -114,6 +121,19 @@ class Camera:
 def of_film(pictures):
     """Has a video show these pictures, each with its time."""
     return unittest.mock.patch("facewire._film._decode", lambda _: iter(pictures))
+
+
+def with_room_that_tells(waits):
+    """Has `track_async` set this event when a video waits for room."""
+    class Room(threading.Semaphore):
+        def acquire(self, timeout):
+            if super().acquire(blocking=False):
+                return True
+            waits.set()
+            return super().acquire(timeout=timeout)
+
+    parts = types.SimpleNamespace(Event=threading.Event, Semaphore=Room, Thread=threading.Thread)
+    return unittest.mock.patch("facewire._film.threading", parts)
 
 
 def send_back(face, queue):
@@ -422,7 +442,14 @@ class Results(unittest.TestCase):
         for frame in both:
             again = pickle.loads(pickle.dumps(frame))
             self.assertEqual((again, again.faces), (frame, frame.faces))
-        self.assertEqual(both[0]._replace(time_s=1.0).faces, ())
+
+    def test_a_frame_with_another_number_keeps_its_faces_and_its_picture(self):
+        with of_film([(0.0, numpy.hstack([bgr(0), bgr(20)]))]):
+            (frame,) = facewire.track(DEMO, max_faces=2, pictures=True)
+        other = frame._replace(number=5)
+        self.assertEqual((other.number, other.time_s, other.face), (5, frame.time_s, frame.face))
+        self.assertEqual((len(other.faces), other.faces), (2, frame.faces))
+        self.assertIs(other.picture, frame.picture)
 
     def test_both_decoders_give_the_same_pictures_at_the_same_times_the_right_way_up(self):
         def times_ms(number):
@@ -503,6 +530,12 @@ class Times(unittest.TestCase):
         for one, other in zip(first, second):
             self.assertEqual(one.face.coefficients.tobytes(), other.face.coefficients.tobytes())
 
+    def test_short_steps_back_in_a_video_move_no_later_time(self):
+        pictures = [(time_s, PICTURE) for time_s in (0.0, 0.04, 0.039, 0.08, 0.079, 0.12)]
+        with of_film(pictures):
+            frames = list(facewire.track(DEMO))
+        self.assertEqual([frame.time_s for frame in frames], [0.0, 0.04, 0.04, 0.08, 0.08, 0.12])
+
     def test_the_pictures_of_a_video_may_be_any_time_apart(self):
         pictures = [(10.0 * number, PICTURE) for number in range(8)]
         with of_film(pictures):
@@ -545,6 +578,16 @@ class Cameras(unittest.TestCase):
             self.assertEqual([bool(frame.face) for frame in seen], [True] * 3)
             for frame, picture in zip(seen, self.pictures):
                 self.assertIs(frame.picture, picture)
+
+    def test_pictures_of_a_camera_have_the_times_of_its_driver_while_these_rise_and_then_those_of_the_clock(self):
+        camera, seen = Camera(self.pictures[:6], [9000.0, 9040.0, 9080.0, 9080.0, 9200.0]), []
+        # The second and third picture waited, and come together with the first one.
+        clock = types.SimpleNamespace(monotonic=iter((5.0, 5.001, 5.002, 5.052, 5.082, 5.112)).__next__)
+        with camera.plugged(), unittest.mock.patch("facewire._film.time", clock):
+            with self.assertRaisesRegex(facewire.FacewireError, "gives no pictures"):
+                for frame in facewire.track(0):
+                    seen.append(frame.time_s)
+        numpy.testing.assert_allclose(seen, [0.0, 0.04, 0.08, 0.13, 0.16, 0.19])
 
     def test_frames_keep_no_picture_that_nobody_asked_for(self):
         with of_film([(0.0, PICTURE)]):
@@ -595,12 +638,6 @@ class Cameras(unittest.TestCase):
     def test_a_video_waits_for_a_slow_consumer(self):
         decoded, waits_or_has_ended = [], threading.Event()
 
-        class Room(threading.Semaphore):
-            def acquire(self):
-                if not super().acquire(blocking=False):
-                    waits_or_has_ended.set()
-                    super().acquire()
-
         def decode_some():
             for number in range(24):
                 decoded.append(number)
@@ -615,9 +652,62 @@ class Cameras(unittest.TestCase):
                 self.assertLessEqual(len(decoded), len(taken) + 10)
             return taken
 
-        parts = types.SimpleNamespace(Event=threading.Event, Semaphore=Room, Thread=threading.Thread)
-        with of_film(decode_some()), unittest.mock.patch("facewire._film.threading", parts):
+        with of_film(decode_some()), with_room_that_tells(waits_or_has_ended):
             self.assertEqual(asyncio.run(take()), list(range(24)))
+
+    def test_any_exception_of_the_thread_is_raised_where_frames_are_awaited(self):
+        class Panic(BaseException):
+            pass
+
+        def fail():
+            yield 0.0, PICTURE
+            raise Panic
+
+        async def take():
+            with self.assertRaises(Panic):
+                async for _ in facewire.track_async(DEMO):
+                    pass
+
+        with of_film(fail()):
+            asyncio.run(take())
+
+    def test_a_loop_that_is_closed_without_its_generators_frees_the_camera_and_the_video(self):
+        camera, closed, waits = Camera(itertools.repeat(PICTURE)), threading.Event(), threading.Event()
+
+        def decode():
+            try:
+                yield from ((number / 30, PICTURE) for number in itertools.count())
+            finally:
+                closed.set()
+
+        patch = unittest.mock.patch("threading.excepthook")
+        with camera.plugged(), of_film(decode()), with_room_that_tells(waits), patch as uncaught:
+            for source, is_free in [(0, camera.released), (DEMO, closed)]:
+                before, loop = threading.enumerate(), asyncio.new_event_loop()
+                frames = facewire.track_async(source)
+                self.assertEqual(loop.run_until_complete(frames.__anext__()).number, 0)
+                # A camera never waits.
+                self.assertTrue(source == 0 or waits.wait(60))
+                loop.close()
+                self.assertTrue(is_free.wait(60), source)
+                [thread.join() for thread in threading.enumerate() if thread not in before]
+        uncaught.assert_not_called()
+
+    def test_networks_are_loaded_while_the_event_loop_goes_on(self):
+        loaded = []
+
+        def track(*arguments, **options):
+            loaded.append(threading.current_thread())
+            return facewire.track(*arguments, **options)
+
+        async def take():
+            async for _ in facewire.track_async(DEMO):
+                pass
+
+        with of_film(frame for frame in [(0.0, PICTURE)]), unittest.mock.patch("facewire._film.track", track):
+            asyncio.run(take())
+        self.assertEqual(len(loaded), 1)
+        self.assertIsNot(loaded[0], threading.current_thread())
 
     def test_a_consumer_who_leaves_frees_the_camera_and_a_wrong_source_is_an_error(self):
         camera = Camera(itertools.repeat(PICTURE))
@@ -679,6 +769,30 @@ class Batches(unittest.TestCase):
             self.assertLessEqual(len(read), taken + 5)
         self.assertEqual((taken, len(read)), (30, 30))
 
+    def test_who_leaves_a_batch_does_not_wait_for_pictures_that_nobody_has_begun(self):
+        found, begun, is_left = [], threading.Event(), threading.Event()
+
+        def find(_, picture):
+            found.append(picture)
+            if picture == 1:
+                begun.set()
+                is_left.wait()
+            return []
+
+        class Pool(concurrent.futures.ThreadPoolExecutor):
+            def shutdown(self, wait=True, **options):
+                super().shutdown(wait=False, **options)
+                is_left.set()
+                super().shutdown(wait)
+
+        patch = unittest.mock.patch
+        with patch("facewire._batch._find", find), patch("concurrent.futures.ThreadPoolExecutor", Pool):
+            batch = facewire.batch(range(9), workers=1)
+            next(batch)
+            begun.wait()
+            batch.close()
+        self.assertEqual(found, [0, 1])
+
     def test_what_is_no_picture_of_a_batch_is_an_error(self):
         with self.assertRaisesRegex(TypeError, "give a list"):
             facewire.batch("picture.png")
@@ -728,6 +842,11 @@ class Drawing(unittest.TestCase):
             picture = numpy.zeros(shape, numpy.uint8)
             facewire.draw(picture, self.face)
             self.assertTrue(picture.any() or min(shape[:2]) < 100, shape)
+            picture[:] = 255
+            facewire.draw(picture, self.face)
+            if shape[2:] == (4,):
+                self.assertTrue((picture[:, :, 3] == 255).all(), "what is opaque stays so")
+                self.assertFalse((picture[:, :, :3] == 255).all())
             before = picture.copy()
             facewire.draw(picture, None)
             self.assertEqual(picture.tobytes(), before.tobytes())
@@ -815,6 +934,42 @@ class Program(unittest.TestCase):
 
             with PIL.Image.open(window) as shown:
                 self.assertEqual(shown.size, (640, 480))
+
+    def test_each_row_is_written_before_the_next_frame_is_read(self):
+        from facewire.__main__ import _write
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, "out.csv")
+
+            def frames():
+                for number in range(3):
+                    yield facewire.TrackedFrame(number, number / 30, None)
+                    self.assertEqual(len(path.read_text().splitlines()), number + 2)
+
+            with open(path, "w") as file, contextlib.redirect_stderr(io.StringIO()):
+                _write(frames(), file)
+
+    def test_the_program_ends_quietly_when_nobody_reads_the_table_any_more(self):
+        reader, writer = os.pipe()
+        os.close(reader)
+        command, buffered = [sys.executable, "-m", "facewire", DEMO], {**os.environ, "PYTHONUNBUFFERED": ""}
+        ran = subprocess.run(command, env=buffered, stdout=writer, stderr=subprocess.PIPE, text=True)
+        os.close(writer)
+        self.assertEqual((ran.returncode, ran.stderr), (0, ""))
+
+    def test_a_picture_that_is_too_large_and_a_stop_before_the_first_frame_are_one_line(self):
+        from facewire.__main__ import main
+
+        def stop():
+            raise KeyboardInterrupt
+            yield
+
+        large = (frame for frame in [(0.0, numpy.zeros((4097, 8, 3), numpy.uint8))])
+        for film, status, line in [(large, 1, "is too large"), (stop(), 130, "stopped before the first frame")]:
+            said = io.StringIO()
+            with of_film(film), contextlib.redirect_stderr(said):
+                self.assertEqual(main([DEMO]), status)
+            self.assertRegex(said.getvalue(), f"^facewire: .*{line}.*\n$")
 
     def test_a_frame_without_a_face_is_neutral(self):
         from facewire.__main__ import _row

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use facewire_face::{BLENDSHAPES, Model};
 
@@ -11,6 +11,7 @@ use super::page::PaperArgs;
 use crate::judge::set::Clip;
 use crate::output;
 use crate::shapes::index_of;
+use crate::statistics::{autocorrelation, mean};
 use crate::synth::{film, run as synth, script::RATE};
 
 /// Frames at the start of every clip in which the face is at rest.
@@ -65,23 +66,33 @@ impl Material {
     }
 }
 
-/// Runs a command that renders into a folder, unless the folder says that the same command has made it.
+/// Runs a command that renders into a folder, unless it has run there before.
 fn render(folder: &Path, command: &str, words: &[String]) -> Result<()> {
-    let (note, text) = (folder.join("command.txt"), words.join(" "));
-    if std::fs::read_to_string(&note).is_ok_and(|made| made == text) {
+    let note = format!("{}\nsynth edition {}", words.join(" "), synth::EDITION);
+    once(folder, &note, || match command {
+        "film" => film::run(&Film::try_parse_from(words)?.options),
+        _ => synth::run(&Synth::try_parse_from(words)?.options),
+    })
+}
+
+/// Fills a folder by `make` and leaves a note there, unless the same note says that the folder is complete. What another
+/// note stands for, or an unfinished run, is removed first.
+pub fn once(folder: &Path, note: &str, make: impl FnOnce() -> Result<()>) -> Result<()> {
+    let file = folder.join("command.txt");
+    if std::fs::read_to_string(&file).is_ok_and(|made| made == note) {
         eprintln!("{}: made before", folder.display());
         return Ok(());
     }
-    eprintln!("{text}");
-    if folder.exists() && note.exists() {
-        std::fs::remove_dir_all(folder)?;
+    eprintln!("{note}");
+    if file.exists() {
+        std::fs::remove_dir_all(folder).with_context(|| format!("cannot remove {}", folder.display()))?;
     }
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    match command {
-        "film" => film::run(&Film::try_parse_from(words)?.options)?,
-        _ => synth::run(&Synth::try_parse_from(words)?.options)?,
-    }
-    output::write(&note, text)
+    let is_empty = folder.read_dir()?.next().is_none();
+    ensure!(is_empty, "{} has files, but no command.txt: remove the folder, or name another one", folder.display());
+    output::write(&file, format!("unfinished: {note}"))?;
+    make()?;
+    output::write(&file, note)
 }
 
 /// A coefficient in clips, one after the other: before the corrective terms, and the truth.
@@ -114,7 +125,7 @@ impl Signal {
     }
 
     fn mean_where(&self, values: &[f64], wanted: impl Fn(f64) -> bool) -> f64 {
-        crate::statistics::mean(values.iter().zip(&self.truth).filter(|(_, truth)| wanted(**truth)).map(|own| *own.0))
+        mean(values.iter().zip(&self.truth).filter(|(_, truth)| wanted(**truth)).map(|own| *own.0))
     }
 
     /// The mean of `values` where the truth is above 0.9.
@@ -127,14 +138,21 @@ impl Signal {
         self.mean_where(values, |truth| truth < crate::curves::OPEN)
     }
 
-    /// The frames of six seconds in which the truth moves most.
+    /// Autocorrelations from lag 0, averaged over the clips in which the values vary.
+    pub fn autocorrelation(&self, values: &[f64], lags: usize) -> Vec<f64> {
+        let of_clip = |clip: &Range<usize>| autocorrelation(&values[clip.clone()], lags);
+        let varying: Vec<Vec<f64>> = self.clips.iter().map(of_clip).filter(|own| own[0] > 0.0).collect();
+        (0..=lags).map(|lag| mean(varying.iter().map(|own| own[lag]))).collect()
+    }
+
+    /// The frames of six seconds of a clip, or as many as the shortest clip has, in which the truth moves most.
     pub fn lively(&self) -> Range<usize> {
-        let length = (6 * RATE as usize).min(self.truth.len());
+        let shortest = self.clips.iter().map(ExactSizeIterator::len).min().unwrap_or(0);
+        let length = (6 * RATE as usize).min(shortest);
         let motion = |first: usize| -> f64 {
             self.truth[first..first + length].windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum()
         };
-        let inside = |first: &usize| self.clips.iter().any(|clip| clip.start <= *first && first + length <= clip.end);
-        let starts = (0..=self.truth.len() - length).step_by(15).filter(inside);
+        let starts = self.clips.iter().flat_map(|clip| (clip.start..=clip.end - length).step_by(15));
         let first = starts.max_by(|a, b| motion(*a).total_cmp(&motion(*b))).unwrap_or(0);
         first..first + length
     }

@@ -21,6 +21,7 @@ mod paper {
     mod corrective;
     mod figures;
     mod hardware;
+    mod material;
     mod processes;
     mod sine;
     mod transforms;

@@ -114,6 +114,9 @@ pub const COLUMNS: [(&str, &str, usize); 11] = [
     ("j", "J", 2),
 ];
 
+/// The place of F1 among the metrics.
+pub const F1: usize = 9;
+
 type Metrics = [Option<f64>; COLUMNS.len()];
 
 #[derive(Debug, Clone, PartialEq)]

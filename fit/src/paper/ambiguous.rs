@@ -4,6 +4,9 @@ use maud::{Markup, html};
 
 use crate::output::Table;
 
+/// Is followed by what was measured.
+const SMOOTHING: &str = "Both are measured at 30 frames a second, within clips: figure 9. With N = 5 less with N = 10, mean and standard deviation over clips: ";
+
 const CHOICES: [[&str; 3]; 24] = [
     [
         "Eq. 3",
@@ -85,7 +88,7 @@ const CHOICES: [[&str; 3]; 24] = [
     [
         "Smoothing",
         "N = 5 is said to have a higher autocorrelation than N = 10, although a longer average usually has more. The frame rate of the 59 ms is not stated.",
-        "Both are measured at 30 frames a second. It is so for gated averages, and not for moving averages and low passes: figure 9.",
+        SMOOTHING,
     ],
     [
         "Eq. 13, 14",
@@ -115,8 +118,10 @@ const CHOICES: [[&str; 3]; 24] = [
     ],
 ];
 
-pub fn section() -> Markup {
-    let rows = CHOICES.map(|row| row.to_vec());
+/// The table of choices. `excess` is by how much the autocorrelation with 5 states exceeds that with 10.
+pub fn section(excess: &str) -> Markup {
+    let full = |cell: &str| if cell == SMOOTHING { format!("{cell}{excess}.") } else { cell.to_owned() };
+    let rows = CHOICES.map(|row| row.map(full).to_vec());
     html! {
         div.wrapped { (Table::new(["where", "what the paper says", "what was chosen"], rows).html()) }
         p { "Letters of sub-figures are the paper's, which skips (d) to (f) in figure 6 and has (d) twice in figure 8. MetaHumans are not used, because their terms forbid training." }

@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use super::material::Signal;
 use crate::drawing::{Axis, BLUE_INK, Curve, GREEN_INK, GREY_INK, Mark, ORANGE_INK, PURPLE_INK, curves};
 use crate::output::{Table, figures, number};
-use crate::statistics::{autocorrelation, mean, mse, pearson};
+use crate::statistics::{mean, mse, pearson};
 use crate::synth::rig::smoothstep;
 use crate::synth::script::RATE;
 
@@ -64,27 +64,33 @@ pub fn stages(raw: &[f64], beta: &[f64], terms: &CorrectiveTerms) -> [Vec<f64>; 
     [raw.to_vec(), shifted.clone(), weighted, with(&damped), all]
 }
 
+/// The same stages as facewire has them, of one person whose estimates are `rest` at rest, each within `0..=1`.
+pub fn stages_as_used(raw: &[f64], rest: f64, terms: &CorrectiveTerms) -> [Vec<f64>; 5] {
+    let rest = terms.rest_of(rest as f32);
+    let with = |slope, lift| {
+        let stage = CorrectiveTerms { slope, lift, ..*terms };
+        raw.iter().map(|value| f64::from(stage.correct(*value as f32, rest, 1.0))).collect()
+    };
+    [raw.to_vec(), with(1.0, 0.0), with(1.0, 1.0), with(1.0, terms.lift), with(terms.slope, terms.lift)]
+}
+
 pub const STAGES: [&str; 5] = ["raw: w f + b", "+ beta", "× (1 + g)", "× (1 + g/eta)", "× (1 + g/eta - gamma)"];
 
 const LAGS: usize = 30;
 
-pub fn first_order(values: &[f64]) -> f64 {
-    autocorrelation(values, 1)[1]
-}
-
-/// The readings of the shift for one clip after the other: as printed, as a baseline, and as facewire has it, the rest of a
-/// calibration.
-fn shifts(signal: &Signal) -> [Vec<f64>; 3] {
-    let mut all = [const { Vec::new() }; 3];
+/// The estimates of each reading of the shift, one clip after the other: as printed, as a baseline, and as facewire has it,
+/// with the rest of a calibration.
+fn readings(signal: &Signal, terms: &CorrectiveTerms) -> Readings {
+    let mut all = Readings::default();
     for frames in &signal.clips {
         let raw = &signal.raw[frames.clone()];
         let rest = mean(raw.iter().take(signal.rest_frames).copied());
         let (mut printed, mut baseline) = (PrintedShift::new(K_PER_S, 0.0), Baseline::default());
-        for (frame, f) in raw.iter().enumerate() {
-            let t_s = frame as f64 / f64::from(RATE);
-            let betas = [printed.step(*f, t_s), baseline.step(*f, t_s), -rest];
-            all.iter_mut().zip(betas).for_each(|(all, beta)| all.push(beta));
-        }
+        let timed = || raw.iter().enumerate().map(|(frame, f)| (*f, frame as f64 / f64::from(RATE)));
+        let printed: Vec<f64> = timed().map(|(f, t_s)| printed.step(f, t_s)).collect();
+        let baseline: Vec<f64> = timed().map(|(f, t_s)| baseline.step(f, t_s)).collect();
+        let of_clip = [stages(raw, &printed, terms), stages(raw, &baseline, terms), stages_as_used(raw, rest, terms)];
+        all.as_flattened_mut().iter_mut().zip(of_clip.as_flattened()).for_each(|(all, own)| all.extend(own));
     }
     all
 }
@@ -94,8 +100,8 @@ const READINGS: [&str; 3] =
 
 pub struct Corrected {
     pub html: Markup,
-    /// First-order autocorrelation of the raw estimates, and shifted as printed, by a baseline, and as facewire has it.
-    pub autocorrelations: [f64; 4],
+    /// First-order autocorrelation of the raw estimates, and shifted as printed and by a baseline.
+    pub autocorrelations: [f64; 3],
     /// Mean of the estimates at shut eyes, raw and corrected.
     pub closures: [f64; 2],
 }
@@ -111,7 +117,7 @@ fn table(signal: &Signal, readings: &Readings) -> Table {
     let row = |reading: &str, stage: &str, values: &[f64]| {
         let shown = clamped(values);
         let figures = [
-            (first_order(values), 3),
+            (signal.autocorrelation(values, 1)[1], 3),
             (pearson(&shown, &signal.truth), 3),
             (mse(&shown, &signal.truth), 4),
             (signal.shut(&shown), 2),
@@ -156,9 +162,9 @@ fn response_chart(terms: [&CorrectiveTerms; 2]) -> Result<String> {
     curves(&shown, &[Axis::linear("w f + b + beta", [0.0, 1.0]), Axis::linear("corrected", [0.0, 1.0])])
 }
 
-fn correlation_chart([printed, _, used]: &Readings) -> Result<String> {
+fn correlation_chart(signal: &Signal, [printed, _, used]: &Readings) -> Result<String> {
     let curve = |mark, ink, values: &[f64]| {
-        let lags = autocorrelation(values, LAGS).into_iter().enumerate();
+        let lags = signal.autocorrelation(values, LAGS).into_iter().enumerate();
         Curve::new(mark, ink, lags.map(|(lag, value)| (lag as f64, value)).collect())
     };
     let shown = [
@@ -184,7 +190,7 @@ fn corrected_chart(signal: &Signal, used: &[Vec<f64>; STAGES.len()]) -> Result<S
 
 /// Draws figure 8 for a blendshape, whose weight function is compared with that of another one.
 pub fn section(signal: &Signal, terms: &CorrectiveTerms, other: (&'static str, &CorrectiveTerms)) -> Result<Corrected> {
-    let readings = shifts(signal).map(|beta| stages(&signal.raw, &beta, terms));
+    let readings = readings(signal, terms);
     let responses = format!(
         "(b) Two weight functions as facewire applies them: {} (blue) and {} (orange)",
         signal.blendshape, other.0
@@ -197,20 +203,20 @@ pub fn section(signal: &Signal, terms: &CorrectiveTerms, other: (&'static str, &
         ),
         (response_chart([terms, other.1])?, responses.as_str()),
         (
-            correlation_chart(&readings)?,
+            correlation_chart(signal, &readings)?,
             "(c) Autocorrelation: raw (grey); as printed: shifted (orange), weighted (purple), damped (green); all terms \
              as facewire has them (blue)",
         ),
         (corrected_chart(signal, &readings[2])?, "(d) Truth (dashes), initial (dots) and corrected estimates (blue)"),
     ];
     let html = html! {
-        p { "Eq. 7 and 8 on " (signal.raw.len()) " frames of " (signal.blendshape) ", solved by the formula w f + b of the paper's method without a known neutral face, as for a new person; k = " (K_PER_S) "/s and beta_0 = 0. g, eta and gamma are those of the model: g rises from 0 to 1 between " (terms.response[0]) " and " (terms.response[1]) ", 1/eta = " (number(Some(terms.lift.into()), 3)) ", gamma = " (number(Some((1.0 - terms.slope).into()), 3)) "." }
+        p { "Eq. 7 and 8 on " (signal.raw.len()) " frames of " (signal.blendshape) ", solved by the formula w f + b of the paper's method without a known neutral face, as for a new person; k = " (K_PER_S) "/s and beta_0 = 0. g, eta and gamma are those of the model: g rises from 0 to 1 between " (terms.response[0]) " and " (terms.response[1]) ", 1/eta = " (number(Some(terms.lift.into()), 3)) ", gamma = " (number(Some((1.0 - terms.slope).into()), 3)) ". Autocorrelations are averaged over the clips." }
         (figures(&drawn, "Figure 8"))
         (table(signal, &readings).html())
-        p { "The paper finds that the shift changes the autocorrelation most, and that weighting and damping do not. It prints no values. Compare the rows \"+ beta\" with the raw ones: the reading whose autocorrelation differs most is the one that the paper's figure fits. As printed, eq. 8 adds the value to itself as soon as exp(k (t0 - t)) has fallen below its height, so that every expression longer than about 1/k counts twice; the baseline that is subtracted lets a held expression fade. Neither serves the purpose, so facewire subtracts what a calibration measures at rest." }
+        p { "The paper finds that the shift changes the autocorrelation most, and that weighting and damping do not. It prints no values. Compare the rows \"+ beta\" with the raw ones: the reading whose autocorrelation differs most is the one that the paper's figure fits. As printed, eq. 8 adds the value to itself as soon as exp(k (t0 - t)) has fallen below its height, so that every expression longer than about 1/k counts twice; the baseline that is subtracted lets a held expression fade. Neither serves the purpose, so facewire subtracts what a calibration measures at rest, divides by what is left of the range, so that 1 stays 1, and clamps the result to 0..1." }
     };
     let [printed, baseline, used] = &readings;
-    let autocorrelations = [&printed[0], &printed[1], &baseline[1], &used[1]].map(|values| first_order(values));
+    let autocorrelations = [&printed[0], &printed[1], &baseline[1]].map(|values| signal.autocorrelation(values, 1)[1]);
     let closures = [0, 4].map(|stage| signal.shut(&clamped(&used[stage])));
     Ok(Corrected { html, autocorrelations, closures })
 }

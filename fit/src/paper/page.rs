@@ -143,7 +143,7 @@ pub fn run(args: &PaperArgs) -> Result<()> {
         ("comparison", "Figure 10 (b), table 2, eq. 12 to 14: against the truth", compared.html),
         ("pictures", "Figure 11: pictures beside avatars", not_shown()),
         ("hardware", "Figure 12: CPU, memory, response time", measured.html),
-        ("ambiguous", "What is ambiguous in the paper, and what was chosen", ambiguous::section()),
+        ("ambiguous", "What is ambiguous in the paper, and what was chosen", ambiguous::section(&smoothed.excess)),
     ];
     let body = html! {
         p { "The tables and figures of \"Statistical Blendshape Calculation and Analysis for Graphics Applications\" (Li, Wang, Twombly) in its order, made by facewire's implementation of its method. The paper measured other faces: a MetaHuman, and six people whom an iPhone filmed, with the curves of ARKit 6 as the truth. Here all faces are rendered, and the truth is known; agreement with ARKit is not measured. So the paper's figures give a scale, and do not tell which is better." }
@@ -177,15 +177,16 @@ fn main_figures(
         ("OLS, SmileLeft of one avatar: R2", avatar.ols[0], 4, "0.9919"),
         ("OLS, CheekPuff of one avatar: R2", avatar.ols[1], 4, "0.9365"),
         ("held-out people in the 95 % band of a Gaussian process, %", 100.0 * coverage, 1, "not stated"),
-        ("autocorrelation of BlinkLeft at lag 1: raw", corrected.autocorrelations[0], 3, "not stated"),
+        ("BlinkLeft, neutral face not known, raw: autocorrelation", corrected.autocorrelations[0], 3, "not stated"),
         ("same, shifted by eq. 8 as printed", corrected.autocorrelations[1], 3, "changes most"),
         ("same, shifted by a baseline that is subtracted", corrected.autocorrelations[2], 3, "changes most"),
         ("BlinkLeft at shut eyes: raw", corrected.closures[0], 2, "the last 15 % missing"),
         ("same, corrected", corrected.closures[1], 2, "full closure"),
-        ("gated average, N = 5: autocorrelation", smoothed.gated[0][0][0], 4, "above that of N = 10"),
-        ("same, N = 10", smoothed.gated[0][1][0], 4, "below that of N = 5"),
-        ("eq. 11 as printed, N = 5: autocorrelation", smoothed.gated[1][0][0], 4, "above that of N = 10"),
-        ("same, N = 10", smoothed.gated[1][1][0], 4, "below that of N = 5"),
+        ("BlinkLeft, neutral face known, corrected, no filter: autocorrelation", smoothed.off, 4, "not stated"),
+        ("same, gated average, N = 5", smoothed.gated[0][0][0], 4, "above that of N = 10"),
+        ("same, gated average, N = 10", smoothed.gated[0][1][0], 4, "below that of N = 5"),
+        ("same, eq. 11 as printed, N = 5", smoothed.gated[1][0][0], 4, "above that of N = 10"),
+        ("same, eq. 11 as printed, N = 10", smoothed.gated[1][1][0], 4, "below that of N = 5"),
         ("gated average, N = 5: same value after, ms", smoothed.gated[0][0][1], 0, "59"),
         ("eq. 11 as printed, N = 5: same value after, ms", smoothed.gated[1][0][1], 0, "59"),
         ("sine of JawOpen, as sent: r", jaw(|own| own.r), 3, "a figure only"),
@@ -193,9 +194,11 @@ fn main_figures(
         ("same: delay, ms", jaw(|own| own.delay_ms), 0, "a figure only"),
         ("sine of each coefficient, as sent: mean r", sines.mean.r, 3, "-"),
         ("same: mean amplitude", sines.mean.amplitude, 2, "-"),
-        ("15 shapes: mean F1", compared.means[0], 2, "0.83"),
-        ("15 shapes: mean r", compared.means[1], 3, "0.667"),
-        ("15 shapes: mean MSD", compared.means[2], 3, "0.019"),
+        ("15 shapes: number that move here", compared.counts[1], 0, "15"),
+        ("same, with events", compared.counts[0], 0, "15"),
+        ("mean F1 of those with events", compared.means[0], 2, "0.83"),
+        ("mean r of those that move", compared.means[1], 3, "0.667"),
+        ("mean MSD of those that move", compared.means[2], 3, "0.019"),
         ("solver, median, ms", measured.figures[0][0], 3, "0.86"),
         ("solver, 95th percentile, ms", measured.figures[0][1], 3, "2.46"),
         ("CPU of one core, median, %", measured.figures[1][0], 1, "39.1"),
@@ -452,8 +455,9 @@ fn transformed_charts(fitted: &[Fitted], truth: &[f64]) -> Result<Vec<(String, S
 
 struct Compared {
     html: Markup,
-    /// Means of F1, r and MSD over the paper's shapes.
+    /// Means of F1, r and MSD over the paper's shapes that move, and the numbers of those that have an F1 and an r.
     means: [f64; 3],
+    counts: [f64; 2],
 }
 
 /// Seconds between clips that follow each other on one time axis.
@@ -512,14 +516,16 @@ fn comparison(clips: &[Clip], model: &Model) -> Result<Compared> {
     let mut scores = evaluate::all(&aligned, None, EventLimits { f_min: 0.3, tolerance_s: 0.5 });
     scores.retain(|own| AGAINST_ARKIT.iter().any(|row| row.blendshape == own.blendshape));
     let means = evaluate::means(scores.iter().filter(|own| own.moves));
+    let count = |has: fn(&evaluate::Score) -> bool| scores.iter().filter(|own| own.moves && has(own)).count();
+    let (with_events, moving) = (count(|own| own.metrics[evaluate::F1].is_some()), count(|_| true));
     let jaw = &all[index_of("jawOpen")];
     let deviation = mean(jaw[0].iter().zip(&jaw[2]).map(|(sent, truth)| sent - truth));
     let html = html! {
         (figures(&[(jaw_chart(jaw)?, "Figure 10 (b): jawOpen before the filters (dots), as sent (blue), and the truth (dashes)")], "Figure 10 (b)"))
         p { "jawOpen over all clips: mean deviation " (number(Some(deviation), 4)) ", mean squared deviation " (number(Some(mse(&jaw[0], &jaw[2])), 4)) ". The paper against ARKit: -0.0005, and 0.007 in the text and 0.001 in its table." }
-        p { "Below, " (aligned.times_s.len()) " frames of " (clips.len()) " rendered people with a known neutral face. The truth is that of the renderer, and an event is a rise of the truth to 0.3; the paper's events are annotated by eye, and its curves of reference are those of ARKit 6." }
+        p { "Below, " (aligned.times_s.len()) " frames of " (clips.len()) " rendered people with a known neutral face. The truth is that of the renderer, and an event is a rise of the truth to 0.3; the paper's events are annotated by eye, and its curves of reference are those of ARKit 6. Of its " (AGAINST_ARKIT.len()) " blendshapes, " (moving) " move in these clips, and " (with_events) " have events: averages are of those." }
         (evaluate::table(&scores).html())
     };
     let [pearson, .., msd, _, _, _, _, f1, _] = means.map(|value| value.unwrap_or(f64::NAN));
-    Ok(Compared { html, means: [f1, pearson, msd] })
+    Ok(Compared { html, means: [f1, pearson, msd], counts: [with_events, moving].map(|count| count as f64) })
 }

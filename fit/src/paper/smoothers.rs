@@ -5,12 +5,12 @@ use facewire_face::stages::{Coefficients, FiltersState};
 use facewire_face::{FilterKind, Filters, HeadPose, Model};
 use maud::{Markup, html};
 
-use super::corrective::first_order;
 use super::material::{REST_FRAMES, Signal};
 use crate::drawing::{Axis, BLUE_INK, Curve, GREEN_INK, GREY_INK, Mark, ORANGE_INK, PURPLE_INK, curves};
 use crate::judge::set::Clip;
 use crate::output::{Table, figures, number};
 use crate::shapes::index_of;
+use crate::statistics::{autocorrelation, mean, standard_deviation};
 use crate::tune::KINDS;
 use crate::tune::measure::{FPS, Sums};
 
@@ -45,30 +45,49 @@ pub fn smooth(kind: FilterKind, states: u8, track: &Track, shape: usize) -> Vec<
 
 pub struct Smoothed {
     pub html: Markup,
+    /// First-order autocorrelation of the same curves without a filter.
+    pub off: f64,
     /// First-order autocorrelation and delay of the gated average, as facewire has it and as printed, with 5 states and
     /// with 10.
     pub gated: [[[f64; 2]; 2]; 2],
+    /// By how much the autocorrelation with 5 states exceeds that with 10, for each filter.
+    pub excess: String,
 }
 
 struct Row {
     kind: FilterKind,
     name: &'static str,
     states: u8,
-    autocorrelation: f64,
+    /// First-order autocorrelation in each clip.
+    autocorrelations: Vec<f64>,
     sums: Sums,
 }
 
+impl Row {
+    fn autocorrelation(&self) -> f64 {
+        mean(self.autocorrelations.iter().copied())
+    }
+}
+
+/// States by how much an autocorrelation exceeds another one, clip by clip: mean and standard deviation.
+pub fn excess(name: &str, [own, other]: [&[f64]; 2]) -> String {
+    let differences: Vec<f64> = own.iter().zip(other).map(|(own, other)| own - other).collect();
+    let [centre, spread] = [mean(differences.iter().copied()), standard_deviation(&differences)];
+    let higher = differences.iter().filter(|difference| **difference > 0.0).count();
+    format!("{name} {centre:+.4} ± {spread:.4} (above 0 in {higher} of {} clips)", differences.len())
+}
+
 fn row(clips: &[(&Clip, Track)], shape: usize, (kind, name): (FilterKind, &'static str), states: u8) -> Row {
-    let (mut all, mut sums) = (Vec::new(), Vec::new());
+    let (mut autocorrelations, mut sums) = (Vec::new(), Vec::new());
     for (clip, track) in clips {
         let raw: Vec<f64> = track.iter().map(|(face, _)| f64::from(face.0[shape])).collect();
         let truth: Vec<f64> = clip.truth.coefficients.iter().map(|frame| frame[shape]).collect();
         let smoothed = smooth(kind, states, track, shape);
         let (rest, rest_of_clip) = (0..REST_FRAMES, REST_FRAMES..raw.len());
         sums.push(Sums::of([&raw, &smoothed, &truth], &[rest], &[rest_of_clip]));
-        all.extend(smoothed);
+        autocorrelations.push(autocorrelation(&smoothed, 1)[1]);
     }
-    Row { kind, name, states, autocorrelation: first_order(&all), sums: sums.into_iter().sum() }
+    Row { kind, name, states, autocorrelations, sums: sums.into_iter().sum() }
 }
 
 pub fn section(clips: &[Clip], model: &Model, signal: &Signal) -> Result<Smoothed> {
@@ -80,7 +99,8 @@ pub fn section(clips: &[Clip], model: &Model, signal: &Signal) -> Result<Smoothe
     let rows: Vec<Row> = kinds.flat_map(of_states).map(|(kind, states)| row(&tracks, shape, kind, states)).collect();
     let cells = |own: &Row| {
         let figures = [
-            (own.autocorrelation, 4),
+            (own.autocorrelation(), 4),
+            (standard_deviation(&own.autocorrelations), 4),
             (own.sums.same_value_ms(), 0),
             (own.sums.lag_ms(), 0),
             (own.sums.jitter(), 2),
@@ -90,22 +110,34 @@ pub fn section(clips: &[Clip], model: &Model, signal: &Signal) -> Result<Smoothe
         let figures = figures.map(|(value, decimals)| number(Some(value), decimals));
         [own.name.to_owned(), states].into_iter().chain(figures).collect::<Vec<_>>()
     };
-    let papers = ["  paper: gated-average", "5", "highest", "59", "-", "-", "-"].map(str::to_owned).to_vec();
-    let heads = ["filter", "N", "autocorrelation at lag 1", "same value, ms", "lag, ms", "jitter left", "MSE"];
+    let papers = ["  paper: gated-average", "5", "highest", "-", "59", "-", "-", "-"].map(str::to_owned).to_vec();
+    let heads = [
+        "filter",
+        "N",
+        "autocorrelation at lag 1",
+        "deviation over clips",
+        "same value, ms",
+        "lag, ms",
+        "jitter left",
+        "MSE",
+    ];
     let table = Table::new(heads, [cells(&off)].into_iter().chain(rows.iter().map(cells)).chain([papers]));
     let gated = [FilterKind::GatedAverage, FilterKind::GatedAsPrinted].map(|kind| {
         STATES.map(|states| {
             let own = rows.iter().find(|row| row.kind == kind && row.states == states);
-            own.map_or([f64::NAN; 2], |row| [row.autocorrelation, row.sums.same_value_ms()])
+            own.map_or([f64::NAN; 2], |row| [row.autocorrelation(), row.sums.same_value_ms()])
         })
     });
+    let pairs = rows.chunks_exact(STATES.len());
+    let excesses = pairs.map(|pair| excess(pair[0].name, [&pair[0].autocorrelations, &pair[1].autocorrelations]));
+    let excess = excesses.collect::<Vec<_>>().join(", ");
     let html = html! {
-        p { "Every filter of facewire on " (tracks.iter().map(|own| own.1.len()).sum::<usize>()) " frames of " (signal.blendshape) " before the filters, at 30 frames a second, with N previous states. \"Same value\" is the mean time until the filter returns a value that it was given, the paper's measure; lag is by cross-correlation with the truth; jitter is the standard deviation at rest relative to that without a filter." }
+        p { "Every filter of facewire on " (tracks.iter().map(|own| own.1.len()).sum::<usize>()) " frames of " (signal.blendshape) " before the filters, corrected and with a known neutral face, at 30 frames a second, with N previous states. \"Same value\" is the mean time until the filter returns a value that it was given, the paper's measure; lag is the delay that the filter adds: the delay behind the truth, by cross-correlation, less that without a filter. Autocorrelations are those within a clip, as mean and standard deviation over " (tracks.len()) " clips. Jitter is the standard deviation in the first " (REST_FRAMES) " frames of a clip, which are at rest, relative to that without a filter; a filter that averages 10 states never has them all there." }
         (table.html())
         (figures(&[(chart(signal, &tracks, shape)?, CAPTION)], "Figure 9"))
-        p { "The paper reports that its gated average has the highest first-order autocorrelation with 5 states and not with 10, and that the same value appears after " (number(Some(PAPERS_DELAY_MS), 0)) " ms on average. It does not say at which frame rate." }
+        p { "The paper reports that its gated average has the highest first-order autocorrelation with 5 states and not with 10, and that the same value appears after " (number(Some(PAPERS_DELAY_MS), 0)) " ms on average. It does not say at which frame rate. Here, with 5 states less with 10, mean and standard deviation over clips: " (excess) "." }
     };
-    Ok(Smoothed { html, gated })
+    Ok(Smoothed { html, off: off.autocorrelation(), gated, excess })
 }
 
 const CAPTION: &str = "Before the filters (dots), the gated average (blue) and eq. 11 as printed (orange), the moving \

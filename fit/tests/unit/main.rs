@@ -24,6 +24,7 @@ mod paper {
     mod material;
     mod processes;
     mod sine;
+    mod smoothers;
     mod transforms;
 }
 mod recording;

@@ -25,16 +25,13 @@ fn stages_of_eq_7_multiply_what_is_shifted_as_by_hand() {
 }
 
 #[test]
-fn autocorrelation_of_a_known_ar_1_series_is_its_parameter() {
-    let mut random = fastrand::Rng::with_seed(3);
-    for parameter in [0.3, 0.9] {
-        let mut value = 0.0;
-        let next = |_| {
-            value = parameter * value + random.f64() - 0.5;
-            value
-        };
-        let series: Vec<f64> = (0..20_000).map(next).collect();
-        let found = first_order(&series);
-        assert!((found - parameter).abs() < 0.02, "{found} for {parameter}");
+fn stages_as_facewire_has_them_keep_0_at_rest_and_1_at_1() {
+    let terms = CorrectiveTerms { shift: 0.0, slope: 0.9, lift: 0.1, response: [0.5, 0.9] };
+    let [raw, shifted, weighted, damped, all] = stages_as_used(&[0.2, 0.6, 1.0], 0.2, &terms);
+    assert_eq!(raw, [0.2, 0.6, 1.0]);
+    // From 0.2 to 1, 0.6 is half way.
+    let wanted = [[0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [0.0, 0.45, 1.0]];
+    for (found, wanted) in [shifted, weighted, damped, all].iter().zip(wanted) {
+        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} instead of {wanted:?}");
     }
 }

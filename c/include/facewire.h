@@ -88,7 +88,7 @@ struct facewire_options {
   float horizontal_fov_deg;
   // Focal length in pixels of the pictures, in place of the angle of view; 0 if it is not known.
   float focal_length_px;
-  // Distance between the pupils, with which the position of the head is in proportion.
+  // Distance between the pupils, to which the position of the head is proportional.
   float eye_distance_mm;
   // A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
   const char *profile;
@@ -118,7 +118,7 @@ struct facewire_picture {
   uint32_t format;
   // 1 if black and white are 16 and 235, 0 if they are 0 and 255.
   uint32_t is_video_range;
-  // Planes of chroma that do not follow the luma at data: Cb and Cr, or that of Cb Cr and NULL in NV12. NULL if they follow.
+  // Planes of chroma, if they do not follow the luma at data: Cb and Cr, or in NV12 the plane of both and NULL. Otherwise NULL.
   const uint8_t *chroma[2];
   // How many bytes there are at each plane of chroma.
   size_t chroma_bytes;

@@ -85,7 +85,7 @@ pub struct Options {
     pub horizontal_fov_deg: f32,
     /// Focal length in pixels of the pictures, in place of the angle of view; 0 if it is not known.
     pub focal_length_px: f32,
-    /// Distance between the pupils, with which the position of the head is in proportion.
+    /// Distance between the pupils, to which the position of the head is proportional.
     pub eye_distance_mm: f32,
     /// A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
     pub profile: *const c_char,
@@ -117,7 +117,7 @@ pub struct Picture {
     pub format: u32,
     /// 1 if black and white are 16 and 235, 0 if they are 0 and 255.
     pub is_video_range: u32,
-    /// Planes of chroma that do not follow the luma at data: Cb and Cr, or that of Cb Cr and NULL in NV12. NULL if they follow.
+    /// Planes of chroma, if they do not follow the luma at data: Cb and Cr, or in NV12 the plane of both and NULL. Otherwise NULL.
     pub chroma: [*const u8; 2],
     /// How many bytes there are at each plane of chroma.
     pub chroma_bytes: usize,
@@ -415,7 +415,7 @@ pub unsafe extern "C" fn facewire_process(
     capacity: usize,
 ) -> i32 {
     let run = |tracker: &mut FaceTracker| {
-        // SAFETY: the caller promises that the pointer is null or leads to a picture, and its data to as many bytes as it tells.
+        // SAFETY: the caller promises that the pointer is null or leads to a picture, whose data has as many bytes as it says.
         let picture = unsafe { picture.as_ref() }.ok_or("there is no picture")?;
         // SAFETY: as above.
         let picture = unsafe { picture_of(picture) }?;

@@ -138,7 +138,7 @@ impl Options {
         Self { lens: Lens { focal_px: Some(focal_length_px), ..self.lens }, ..self }
     }
 
-    /// The distance between the pupils of those who are seen (default 63). The position of the head is in proportion to it.
+    /// The distance between the pupils in millimetres (default 63), to which the position of the head is proportional.
     pub fn eye_distance_mm(self, eye_distance_mm: f32) -> Self {
         Self { eye_distance_mm, ..self }
     }

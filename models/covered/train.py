@@ -116,8 +116,8 @@ def varied(pictures, random):
 
 
 class Mouth(nn.Module):
-    """The network: from the picture of a mouth to its coefficients. In training also by what it sees together with landmarks,
-    which makes it see more.
+    """The network: from the picture of a mouth to its coefficients. In training, a further layer estimates the coefficients from
+    values of the picture and the landmarks together, which improves what the network sees.
     """
 
     def __init__(self, faces):

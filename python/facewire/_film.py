@@ -18,11 +18,11 @@ from ._facewire import Face, FaceTracker, FacewireError
 Picture = npt.NDArray[Any]
 Source = Union[str, "os.PathLike[str]", int]
 
-# So many frames of a video may wait for a consumer; then the video waits.
+# How many frames of a video may wait for a consumer before reading pauses.
 _WAITING_FRAMES = 8
-# So often a thread that waits for room looks whether anybody is left who could make it.
+# How often a thread that waits for room checks whether its event loop has been closed.
 _LOOK_EVERY_S = 1.0
-# Times that go back by more than this begin anew.
+# If times go back by more than this, later times continue from the last one.
 _MAX_BACK_S = 0.5
 
 

@@ -31,7 +31,7 @@ use crate::times::Times;
 /// method: "network", or "paper" for the formulas of the paper, one for each coefficient, which are less accurate.
 /// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.
 /// focal_length_px: the focal length in pixels of the pictures, in place of the angle of view.
-/// eye_distance_mm: the distance between the pupils, with which the position of the head is in proportion.
+/// eye_distance_mm: the distance between the pupils, to which the position of the head is proportional.
 /// model, networks: a blendshape model and a folder of networks in place of the built-in ones.
 /// threads: how many threads compute the networks.
 ///
@@ -205,7 +205,7 @@ impl FaceTracker {
         Ok(())
     }
 
-    /// Until the next `reset`, times are in seconds beyond doubt, however far apart they are.
+    /// Until the next `reset`, takes times to be in seconds, however far apart they are.
     fn _trust_times(&self) -> PyResult<()> {
         self.lock()?.times.trust();
         Ok(())

@@ -1,8 +1,8 @@
 //! The filters (`F` in the paper) that smooth a value over time. A value is a point of `N` numbers.
 //!
-//! Every kind returns a weighted mean of its inputs, goes by the time between frames and not by their number, and has the
-//! same two settings. An average over a window of `T` delays by `T / 2`, and so does a low pass with a time constant of
-//! `T / 2`, which also reduces noise by as much. The gated average as printed alone counts the values within its time.
+//! Every kind returns a weighted mean of its inputs and has the same two settings, and every kind but the gated average as
+//! printed goes by the time between frames and not by their number. An average over a window of `T` delays by `T / 2`, and so does a low pass with a time constant of
+//! `T / 2`, which also reduces noise by as much. The gated average as printed counts the values within its time instead.
 
 mod averages;
 
@@ -41,7 +41,7 @@ pub enum FilterKind {
     LowPass,
     /// Small changes are averaged, large ones pass (eq. 9 to 11).
     GatedAverage,
-    /// The same exactly as the paper prints it, to compare: on a still face the gate closes, and noise passes.
+    /// The gated average exactly as the paper prints it, for comparison. On a still face its gate closes, and noise passes.
     GatedAsPrinted,
     /// A low pass whose cutoff frequency rises with the speed of the movement.
     OneEuro,

@@ -2,7 +2,7 @@
 //!
 //! The rotation `Rz(roll) Rx(-pitch) Ry(yaw)` takes the head's axes (x to the person's left, y up, z out of the face)
 //! to the picture's (x right, y up, z towards the camera). The position follows from the apparent distance of the eyes,
-//! which are assumed to be 63 mm apart unless the solver is told otherwise. `facewire-fit judge` prints the errors.
+//! which are assumed to be 63 mm apart unless the solver is given another distance. `facewire-fit judge` prints the errors.
 
 use facewire_packet::yaw_pitch_roll_deg;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

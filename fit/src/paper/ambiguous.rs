@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use crate::output::Table;
 
 /// Is followed by what was measured.
-const SMOOTHING: &str = "Both are measured at 30 frames a second, within clips: figure 9. With N = 5 less with N = 10, mean and standard deviation over clips: ";
+const SMOOTHING: &str = "Both are measured at 30 frames a second, within clips: figure 9. The value with N = 5 minus that with N = 10, as mean and standard deviation over clips: ";
 
 const CHOICES: [[&str; 3]; 24] = [
     [

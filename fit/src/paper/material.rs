@@ -75,8 +75,8 @@ fn render(folder: &Path, command: &str, words: &[String]) -> Result<()> {
     })
 }
 
-/// Fills a folder by `make` and leaves a note there, unless the same note says that the folder is complete. What another
-/// note stands for, or an unfinished run, is removed first.
+/// Fills a folder by `make` and leaves a note there, unless the same note says that the folder is complete. If the note is
+/// another one or says that a run is unfinished, the contents of the folder are removed first.
 pub fn once(folder: &Path, note: &str, make: impl FnOnce() -> Result<()>) -> Result<()> {
     let file = folder.join("command.txt");
     if std::fs::read_to_string(&file).is_ok_and(|made| made == note) {

@@ -146,7 +146,7 @@ pub fn run(args: &PaperArgs) -> Result<()> {
         ("ambiguous", "What is ambiguous in the paper, and what was chosen", ambiguous::section(&smoothed.excess)),
     ];
     let body = html! {
-        p { "The tables and figures of \"Statistical Blendshape Calculation and Analysis for Graphics Applications\" (Li, Wang, Twombly) in its order, made by facewire's implementation of its method. The paper measured other faces: a MetaHuman, and six people whom an iPhone filmed, with the curves of ARKit 6 as the truth. Here all faces are rendered, and the truth is known; agreement with ARKit is not measured. So the paper's figures give a scale, and do not tell which is better." }
+        p { "The tables and figures of \"Statistical Blendshape Calculation and Analysis for Graphics Applications\" (Li, Wang, Twombly) in its order, made by facewire's implementation of its method. The paper measured other faces: a MetaHuman, and six people recorded by an iPhone, with the curves of ARKit 6 as the truth. Here all faces are rendered, and the truth is known; agreement with ARKit is not measured. So the paper's figures give a scale, and do not tell which is better." }
         @if !material.commands.is_empty() {
             p { "Rendered by:" }
             pre.scroll { @for command in &material.commands { (command) "\n" } }
@@ -243,7 +243,7 @@ fn bands_html(bands: &Table) -> Markup {
 }
 
 fn not_shown() -> Markup {
-    html! { p { "The paper shows photographs of its testers beside two avatars. No such recording is at hand that may be shown, so figure 10 and table 2 stand for it." } }
+    html! { p { "The paper shows photographs of its testers beside two avatars. This page shows no photographs of people; figure 10 and table 2 make the same comparison in numbers." } }
 }
 
 struct BasisSections {

@@ -135,7 +135,7 @@ pub fn section(clips: &[Clip], model: &Model, signal: &Signal) -> Result<Smoothe
         p { "Every filter of facewire on " (tracks.iter().map(|own| own.1.len()).sum::<usize>()) " frames of " (signal.blendshape) " before the filters, corrected and with a known neutral face, at 30 frames a second, with N previous states. \"Same value\" is the mean time until the filter returns a value that it was given, the paper's measure; lag is the delay that the filter adds: the delay behind the truth, by cross-correlation, less that without a filter. Autocorrelations are those within a clip, as mean and standard deviation over " (tracks.len()) " clips. Jitter is the standard deviation in the first " (REST_FRAMES) " frames of a clip, which are at rest, relative to that without a filter; a filter that averages 10 states never has them all there." }
         (table.html())
         (figures(&[(chart(signal, &tracks, shape)?, CAPTION)], "Figure 9"))
-        p { "The paper reports that its gated average has the highest first-order autocorrelation with 5 states and not with 10, and that the same value appears after " (number(Some(PAPERS_DELAY_MS), 0)) " ms on average. It does not say at which frame rate. Here, with 5 states less with 10, mean and standard deviation over clips: " (excess) "." }
+        p { "The paper reports that its gated average has the highest first-order autocorrelation with 5 states and not with 10, and that the same value appears after " (number(Some(PAPERS_DELAY_MS), 0)) " ms on average. It does not say at which frame rate. Here, the value with 5 states minus that with 10, as mean and standard deviation over clips: " (excess) "." }
     };
     Ok(Smoothed { html, off: off.autocorrelation(), gated, excess })
 }

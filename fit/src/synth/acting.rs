@@ -345,7 +345,7 @@ fn shift_gaze(rng: &mut ChaCha8Rng, face: &mut Coefficients, share: f64) {
 /// Range of the factor on each coefficient: people articulate differently.
 const ARTICULATION: Range<f32> = 0.4..1.6;
 
-/// Blendshapes by name, those with two sides without it, and their coefficients.
+/// Names of blendshapes, without the side for those that have two, and their coefficients.
 pub type Shapes = &'static [(&'static str, f32)];
 
 /// The visemes of English, after the groups of MPEG-4 (ISO/IEC 14496-2): p b m, where the lips close over an open jaw;

@@ -1,8 +1,8 @@
 //! The combinations of facial actions that anatomy and emotions give, as the Facial Action Coding System (Ekman and Friesen, 1978)
 //! numbers them, in ARKit's blendshapes.
 //!
-//! Recordings of one person show that person's habits: who never raises the inner brows alone teaches that they always move
-//! with the outer ones. Here every combination is as frequent as any other.
+//! Recordings of one person show that person's habits: if the person never raises the inner brows alone, a model learns that
+//! they always move with the outer ones. Here every combination is as frequent as any other.
 
 use super::acting::Shapes;
 

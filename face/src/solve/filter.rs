@@ -1,8 +1,9 @@
 //! The filters (`F` in the paper) that smooth a value over time. A value is a point of `N` numbers.
 //!
 //! Every kind returns a weighted mean of its inputs and has the same two settings, and every kind but the gated average as
-//! printed goes by the time between frames and not by their number. An average over a window of `T` delays by `T / 2`, and so does a low pass with a time constant of
-//! `T / 2`, which also reduces noise by as much. The gated average as printed counts the values within its time instead.
+//! printed goes by the time between frames and not by their number. An average over a window of `T` delays by `T / 2`, and so
+//! does a low pass with a time constant of `T / 2`, which also reduces noise by as much. The gated average as printed counts
+//! the values within its time instead.
 
 mod averages;
 

@@ -92,7 +92,7 @@ struct facewire_options {
   float eye_distance_mm;
   // A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
   const char *profile;
-  // The tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML, or NULL: filters, rules,
+  // The tables smoothing, plausibility and adjust of the service's settings as a text in TOML, or NULL: filters, rules,
   // and gains, offsets and limits. `facewire defaults` explains them. With FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED there is
   // no filter to be set.
   const char *settings;
@@ -104,7 +104,7 @@ struct facewire_options {
 
 // A picture, which remains the caller's.
 struct facewire_picture {
-  // The samples: all of them, or those of luma if chroma[0] is not NULL.
+  // The samples: all of them, or those of luma if the first of chroma is not NULL.
   const uint8_t *data;
   // How many bytes there are at data.
   size_t bytes;

@@ -89,7 +89,7 @@ pub struct Options {
     pub eye_distance_mm: f32,
     /// A profile by `facewire calibrate`, or NULL. With several faces, it is that of the first face that is found.
     pub profile: *const c_char,
-    /// The tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML, or NULL: filters, rules,
+    /// The tables smoothing, plausibility and adjust of the service's settings as a text in TOML, or NULL: filters, rules,
     /// and gains, offsets and limits. `facewire defaults` explains them. With FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED there is
     /// no filter to be set.
     pub settings: *const c_char,
@@ -103,7 +103,7 @@ pub struct Options {
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Picture {
-    /// The samples: all of them, or those of luma if chroma[0] is not NULL.
+    /// The samples: all of them, or those of luma if the first of chroma is not NULL.
     pub data: *const u8,
     /// How many bytes there are at data.
     pub bytes: usize,

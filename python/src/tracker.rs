@@ -25,8 +25,8 @@ use crate::times::Times;
 ///     many people.
 /// profile: a file by `facewire calibrate`. With several faces, it is that of the first face that is found.
 /// mirror: whether left and right are swapped in the result.
-/// settings: the tables [smoothing], [plausibility] and [adjust] of the service's settings as a text in TOML: filters, rules, and
-///     gains, offsets and limits, for instance "[smoothing]\njaw_ms = 100\n[adjust]\njawOpen.gain = 1.5". `facewire defaults`
+/// settings: the tables smoothing, plausibility and adjust of the service's settings as a text in TOML: filters, rules, and
+///     gains, offsets and limits, for instance "smoothing.jaw_ms = 100\nadjust.jawOpen.gain = 1.5". `facewire defaults`
 ///     explains them. With stills=True or smoothing=False there is no filter to be set.
 /// method: "network", or "paper" for the formulas of the paper, one for each coefficient, which are less accurate.
 /// horizontal_fov_deg: angle of view of the camera, on which the position of the head depends.

@@ -73,7 +73,8 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
             beside.sentences(69)[0].contains("another program has it open"),
             "beside a service nothing is released"
         );
-        assert_eq!(bus.servos(), held);
+        // On a busy machine a servo can answer too late, and is then held anew.
+        await_servos(&bus, &held);
         service.stop(Signal::KILL);
         assert_eq!(bus.servos(), held, "a servo holds what it was told");
         // A second rest does no harm.

@@ -10,7 +10,7 @@ use facewire_face::stages::{FaceMean, normalise};
 use facewire_face::{Appearance, Landmarks, Neutral, Solution, SolveError};
 use facewire_packet::{Pose, Reason, State};
 
-use crate::capture::{CaptureError, Content, Frame, FrameFault, Source};
+use crate::capture::{CaptureError, Content, Frame, FrameFault, FrameRate, Source};
 use crate::config::FailsafeSettings;
 use crate::pipeline::{Pipeline, Rejected, SetupError};
 use crate::service::ServiceError;
@@ -39,19 +39,21 @@ pub struct Shown {
 
 pub struct Playback {
     pub pipeline: Pipeline,
-    failsafe: Failsafe,
+    failsafe: FailsafeSettings,
+    frame_period_us: u64,
     history: History,
 }
 
 impl Playback {
     pub fn new(pipeline: Pipeline, settings: &FailsafeSettings) -> Self {
-        Self { pipeline, failsafe: Failsafe::new(settings, 0), history: History::default() }
+        Self { pipeline, failsafe: settings.clone(), frame_period_us: 0, history: History::default() }
     }
 
     /// Reads the next frame and finds its face; `None` at the end. Landmarks that form no face are kept, but the next
     /// frame is searched anew.
     pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<TrackedFrame>, ServiceError> {
         let rate = source.describe().rate;
+        self.frame_period_us = rate.map_or(0, FrameRate::period_us);
         let face = match source.next() {
             Ok(None) => return Ok(None),
             Ok(Some(frame)) => {
@@ -87,7 +89,8 @@ impl Playback {
         let solution = solved.ok();
         let pose = solution.as_ref().map(Pose::from);
         let news = pose.map(|pose| (pose, face.time_us)).ok_or(Reason::NoFace);
-        let sent = self.failsafe.update(&mut self.history, face.time_us, Some(&news));
+        let failsafe = Failsafe::new(&self.failsafe, self.frame_period_us);
+        let sent = failsafe.update(&mut self.history, face.time_us, Some(&news));
         let (state, pose) = pose.map_or((sent.state, sent.pose), |pose| (State::Live, pose));
         Shown { solution, state, pose }
     }

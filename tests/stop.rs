@@ -12,10 +12,10 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{PATIENCE, eventually};
 use common::maestro::{Maestro, Model};
 use common::program::{Run, facewire, text};
 use common::service::{NO_CAMERA, Service};
+use common::{PATIENCE, eventually};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
 use serde_json::Value;

@@ -165,6 +165,25 @@ fn a_face_that_leaves_the_picture_is_held_and_then_decays_to_neutral_and_its_lan
 }
 
 #[test]
+fn a_face_stays_live_for_three_frame_periods_without_a_pose_also_at_few_frames_a_second() {
+    let mut points = read_npy(&DEMO.landmarks);
+    points.truncate(12);
+    for missing in [4, 7, 8] {
+        points[missing].0.as_flattened_mut().fill(f32::NAN);
+    }
+    let values: Vec<f32> = points.iter().flat_map(|face| face.0.as_flattened().to_vec()).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("points.npy");
+    fs::write(&path, write_npy(&[12, 478, 3], &values)).unwrap();
+    for fps in ["5", "10"] {
+        let run = Run::of(&mut facewire(["track", text(&path), "--fps", fps])).succeeded();
+        let rows = rows(&run.out);
+        assert!(rows.iter().all(|row| row.state == "live"), "{fps}: {}", run.out);
+        assert_eq!(rows[4].coefficients(), rows[3].coefficients(), "held at {fps}");
+    }
+}
+
+#[test]
 fn an_input_that_is_cut_off_gives_the_rows_before_the_cut() {
     let (y4m, avi) = (demo_y4m(4), fs::read(demo_avi()).unwrap());
     for (whole, run) in [

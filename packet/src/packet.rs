@@ -12,8 +12,8 @@ pub const SILENCE_MS: u32 = 500;
 /// A gap of this size means that the sender has restarted, not that packets were lost.
 const RESTART_GAP: u16 = 1024;
 const MAGIC: [u8; 2] = *b"FW";
-/// What stands in the flags in place of the neutral face while a part of the face is covered. The lowest 4 bits of the
-/// first coefficients are then [`Carried`]. Receivers that do not know this read the mean, and coefficients that are
+/// What stands in the flags in place of the neutral face while a part of the face is covered, which is to say that less than
+/// half of it is in view. The lowest 4 bits of the first coefficients are then [`Carried`]. Receivers that do not know this read the mean, and coefficients that are
 /// wrong by less than 1/4000.
 const COVERED: u8 = 3;
 /// Computed bit by bit: this takes 1 microsecond per packet, and a table would take 512 bytes of a microcontroller.
@@ -31,7 +31,8 @@ pub struct Packet {
     pub reason: Reason,
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
-    /// How much of each part of the face is in view; [`Visibility::WHOLE`] while no face is followed. Sent in fifteenths.
+    /// How much of each part of the face is in view; [`Visibility::WHOLE`] while no face is followed. Sent in fifteenths while
+    /// a part is covered, and otherwise received as [`Visibility::WHOLE`].
     pub visibility: Visibility,
     /// Increases by one with each packet and wraps. A gap means lost packets.
     pub sequence: u16,
@@ -127,11 +128,12 @@ impl Packet {
 
     /// Returns what the coefficients carry besides themselves; `None` if nothing is covered.
     fn carried(&self) -> Option<Carried> {
+        self.visibility.covered().next()?;
         let mut carried = Carried::default();
         let [parts @ .., neutral_face] = &mut carried;
         *parts = self.visibility.values().map(quantise::visibility);
         *neutral_face = self.neutral_face as u8;
-        (*parts != Visibility::WHOLE.values().map(quantise::visibility)).then_some(carried)
+        Some(carried)
     }
 }
 

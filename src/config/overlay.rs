@@ -45,6 +45,11 @@ impl Faults {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))
     }
 
+    /// Whether the value of this key is invalid.
+    pub fn is_invalid(&self, key: &str) -> bool {
+        self.0.iter().any(|fault| fault.is_invalid_value && fault.key == key)
+    }
+
     /// Whether a key in this table is unknown, or its value wrong.
     pub fn has_any_in(&self, table: &str) -> bool {
         self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))

@@ -95,7 +95,7 @@ impl Check<'_> {
     /// rate means nothing.
     fn speed(&mut self, (device, baud, auto): Line<'_>) {
         let is_usb = *device == SerialDevice::Auto && auto == Attached::Maestro;
-        if is_usb || ["camera", "send"].iter().any(|table| self.faults.has_invalid_value(table)) {
+        if is_usb || ["camera.fps", "send.rate_hz"].iter().any(|key| self.faults.is_invalid(key)) {
             return;
         }
         let rate_hz = self.link.rate_hz(self.settings.send.rate_hz);
@@ -396,6 +396,9 @@ mod tests {
         }
         let faults = faults(&["[camera]\nfps = 0\n", SERIAL, "device = \"/dev/ttyS0\"\nbaud = 19200\n"]);
         assert!(faults.starts_with("file:2: camera.fps = 0") && !faults.contains("link.baud"), "{faults}");
+        let slow = ["[camera]\nwidth = 10\n", SERIAL, "device = \"/dev/ttyS0\"\nbaud = 19200\n"];
+        let faults = self::faults(&slow);
+        assert!(faults.contains("camera.width = 10") && faults.contains("link.baud = 19200"), "{faults}");
     }
 
     /// The fault of a serial line, or none if there is no advice.

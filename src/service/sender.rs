@@ -81,11 +81,11 @@ impl Sender {
             now_us = after(pause);
             output = failsafe.stop(history, now_us);
         }
-        let last = history.last();
-        self.counters.set_state(last.state);
+        self.counters.set_state(State::Neutral);
         for _ in 0..STOPPING_PACKETS {
-            self.links.send_last(&last);
-            after(STOPPING_PERIOD);
+            self.links.send_last(&history.last());
+            let now_us = after(STOPPING_PERIOD);
+            failsafe.stop(history, now_us);
         }
     }
 
@@ -412,6 +412,10 @@ mod tests {
             let (way, last) = stopped.split_at(stopped.len() - 3);
             assert!(way.iter().all(|packet| packet.state == State::Decay), "{way:?}");
             assert!(last.iter().all(|packet| packet.state == State::Neutral && packet.coefficients == [0.0; 52]));
+            assert!(
+                last.windows(2).all(|pair| pair[1].age_us == pair[0].age_us + 25_000),
+                "ages of their own: {last:?}"
+            );
         }
     }
 

@@ -21,6 +21,8 @@ use facewire::service::Step;
 use facewire_face::{LANDMARKS, NeutralMode, Profile};
 
 const EXAMPLES: &str = "\
+A frame with a face is live at once, without the ramp by which the service comes back from neutral.
+
 Examples:
   facewire track demo --out demo.csv
   ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30

@@ -7,7 +7,9 @@ use std::fs::{self, File};
 use std::io::pipe;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Instant;
 
+use common::PATIENCE;
 use common::film::demo_y4m;
 use common::networks;
 use common::program::{Run, facewire, settings, text};
@@ -85,11 +87,19 @@ fn check_says_what_makes_tracking_poor_and_what_to_do_and_succeeds() {
         ("half-rate", &["half its frame rate or less, as many do to expose longer: add light"]),
         ("lossy", &["frames get lost or damaged between camera and board: give the camera a USB port of its own"]),
     ] {
-        let out =
-            with_settings(&["check"], &format!("[camera]\ndevice = \"rehearsal: {scene} 3600\"\n")).succeeded().out;
+        let toml = format!("[camera]\ndevice = \"rehearsal: {scene} 3600\"\n");
         let is_wanted = |poor: &str| sentences.iter().any(|sentence| poor.contains(sentence));
-        let poor = out.lines().filter_map(|line| line.strip_prefix("camera    POOR: "));
-        let poor: Vec<&str> = poor.filter(|poor| is_wanted(poor) || !is_of_machine(poor)).collect();
+        let poor = |out: &str| -> Vec<String> {
+            let poor = out.lines().filter_map(|line| line.strip_prefix("camera    POOR: "));
+            poor.filter(|poor| is_wanted(poor) || !is_of_machine(poor)).map(str::to_owned).collect()
+        };
+        let mut out = with_settings(&["check"], &toml).succeeded().out;
+        let begun = Instant::now();
+        // Of the frames that a busy machine has time for, too few may be lost or damaged.
+        while poor(&out).len() < sentences.len() && begun.elapsed() < PATIENCE {
+            out = with_settings(&["check"], &toml).succeeded().out;
+        }
+        let poor = poor(&out);
         assert_eq!(poor.len(), sentences.len(), "{scene}: {out}");
         assert!(poor.iter().zip(sentences).all(|(poor, sentence)| poor.contains(sentence)), "{scene}: {out}");
         assert_eq!(out.contains("; no face is in the picture now\n"), scene == "no-face", "{out}");

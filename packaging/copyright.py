@@ -3,9 +3,10 @@
 
 copyright.py PACKAGE TARGET [CARGO-OPTION]...
 
-packaging/copyright and packaging/bridge/copyright name the works that are no Rust packages. For every Rust package that is linked into a program, this
-adds its licence and its copyright holders. Where a package offers several licences, it is distributed under the first of
-PREFERRED that it offers. A package whose licence is not known here ends the script: add the licence then.
+packaging/copyright and packaging/*/copyright name the works that are no Rust packages. For every Rust package that is linked
+into a program or library, this adds its licence and its copyright holders. Where a package offers several licences, it is
+distributed under the first of PREFERRED that it offers. A package whose licence is not known here ends the script: add the
+licence then.
 """
 
 import json
@@ -15,9 +16,10 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-# The programs of each Debian package, and the file that its copyright begins with.
+# The crates that each Debian package is made of, and the file that its copyright begins with.
 PACKAGES = {"facewire": (["facewire", "facewire-tools", "facewire-console"], "copyright"),
-            "facewire-bridge": (["facewire-bridge"], "bridge/copyright")}
+            "facewire-bridge": (["facewire-bridge"], "bridge/copyright"),
+            "facewire-c": (["facewire-c"], "c/copyright")}
 # Licences by their names in Cargo.toml, with Debian's names for them.
 PREFERRED = {"MIT": "Expat", "Apache-2.0": "Apache-2.0", "MPL-2.0": "MPL-2.0", "ISC": "ISC",
              "BSD-3-Clause": "BSD-3-clause-of-holders", "IJG": "IJG"}
@@ -137,7 +139,7 @@ def main():
             ("License", [licence_of(package)]),
         ]
         if package["repository"]:
-            fields.append(("Comment", [f"Linked into a program. Source: {package['repository']}"]))
+            fields.append(("Comment", [f"Linked into a program or library. Source: {package['repository']}"]))
         parts.append(paragraph(*fields))
     used = set(re.findall(r"^License: (.*)$", "\n".join(parts), re.MULTILINE))
     used = {name for names in used for name in re.split(r" or | and ", names)}

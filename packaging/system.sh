@@ -1,15 +1,16 @@
 # shellcheck shell=bash
-# A small Debian 12 for ARM that runs on this PC by emulation. packaging/try and python/try source this file after
-# cross/common.sh.
+# A small Debian in a folder: for this PC, or for ARM by emulation. packaging/roots, packaging/try and python/try source this file
+# after cross/common.sh.
 
 # shellcheck source=cross/debian.sh
 source "$root/cross/debian.sh"
 
 registered=''
 
-# describe_system arm64|armhf: sets the names of the architecture, of its emulator and of the processor to emulate.
+# describe_system amd64|arm64|armhf: sets the names of the architecture, of its emulator and of the processor to emulate.
 describe_system() {
     case $1 in
+    amd64) debian=amd64 cpu='' ;;
     arm64) describe aarch64 && emulator=qemu-aarch64-static cpu=cortex-a72 ;;
     armhf) describe armv7 && emulator=qemu-arm-static cpu=cortex-a15 ;;
     esac
@@ -33,17 +34,17 @@ emulate() {
     registered=$rules/$name
 }
 
-# make_system FILE PACKAGES: makes the small Debian once.
+# make_system FILE PACKAGES SUITE: makes the small Debian once.
 make_system() {
     local system=$1
     [[ ! -e $system ]] || return 0
-    say "making a Debian 12 for $debian (some minutes)"
+    say "making a Debian $3 for $debian (some minutes)"
     mkdir -p "$(dirname "$system")"
     # The mounts of mmdebstrap end with the mount namespace, even if it is killed.
     unshare --mount mmdebstrap --quiet --architectures="$debian" --variant=essential \
         --aptopt='Acquire::Languages "none"' ${2:+"--include=$2"} \
-        bookworm "${system%.tar}.new.tar" \
-        "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror/debian bookworm main" >"$work/log" 2>&1 || {
+        "$3" "${system%.tar}.new.tar" \
+        "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror/debian $3 main" >"$work/log" 2>&1 || {
         tail -n 20 "$work/log" >&2
         fail "could not make a Debian for $debian: $offline_hint"
     }
@@ -53,15 +54,17 @@ make_system() {
 # board COMMAND...: runs a command in the small Debian.
 board() { chroot "$work/root" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin QEMU_CPU="$cpu" "$@"; }
 
-# enter_system PACKAGES: unpacks the small Debian with these packages, separated by commas, into the folder root of $work.
+# enter_system PACKAGES [SUITE]: unpacks the small Debian, of version 12 if no suite is given, with these packages, separated by
+# commas, into the folder root of $work.
 enter_system() {
-    local system=$cache/systems/bookworm-$debian${1:+-${1//,/-}}.tar lock
+    local suite=${2:-bookworm} lock
+    local system=$cache/systems/$suite-$debian${1:+-${1//,/-}}.tar
     # One run at a time for each architecture: the emulator is one for the whole machine.
     mkdir -p "$cache"
     exec {lock}>"$cache/emulation-$debian.lock"
     flock "$lock"
-    emulate
-    make_system "$system" "$1"
+    [[ $debian == amd64 ]] || emulate
+    make_system "$system" "$1" "$suite"
     mkdir "$work/root"
     tar --extract --file "$system" --directory "$work/root"
 }

@@ -31,7 +31,7 @@ STAND_INS = {
     "scripts/setup": "",
     "cross/setup": "",
     "scripts/package": """
-        for name in facewire facewire-bridge; do
+        for name in facewire facewire-bridge libfacewire0 libfacewire-dev; do
             for debian in amd64 arm64 armhf; do
                 mkdir -p target/packages
                 echo "$name" >"target/packages/${name}_$(version_of_commit)-1_$debian.deb"
@@ -53,7 +53,8 @@ STAND_INS = {
     "bin/rustc": "echo rustc 9.9.9",
     "bin/dpkg": "echo amd64",
 }
-DEBIAN = [f"{name}_1.2.3-1_{of}.deb" for name in ("facewire", "facewire-bridge") for of in ("amd64", "arm64", "armhf")]
+NAMES = ("facewire", "facewire-bridge", "libfacewire0", "libfacewire-dev")
+DEBIAN = [f"{name}_1.2.3-1_{of}.deb" for name in NAMES for of in ("amd64", "arm64", "armhf")]
 WHEELS = [f"facewire-1.2.3-new_{of}.whl" for of in ("x86_64", "aarch64", "armv7l")]
 CRATES = [f"facewire-{name}-1.2.3.crate" for name in ("packet", "engine", "face", "library")]
 PUBLISHED = {*DEBIAN, *WHEELS, *CRATES, "facewire-1.2.3.tar.gz", "release-notes.md", "SHA256SUMS"}

@@ -278,6 +278,7 @@ class Sources(unittest.TestCase):
             "facewire-bridge": ("package-amd64", "guest-packages", "unit"),
             "facewire-face": ("arm64", "crates", "oldest-rust"),
             "facewire-python": ("python", "unit"),
+            "facewire-c": ("package-amd64", "unit"),
         }
         known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
         packages = proof.workspace(ROOT)

@@ -233,6 +233,7 @@ pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;
     solver.wears = settings.wearer.wears;
+    solver.eye_distance_mm = settings.wearer.eye_distance_mm;
     Ok(solver)
 }
 

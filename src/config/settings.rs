@@ -12,7 +12,7 @@ use facewire_board::HardwareSettings;
 use facewire_face::settings::{
     Entry, Field, Overlay, Reader, SmoothingSettings, Table, TableOf, Takes, field, flag, number, section, whole,
 };
-use facewire_face::{Adjustments, EngineChoice, Follow, Method, NeutralMode, Rotation, Rules, Wears};
+use facewire_face::{Adjustments, EngineChoice, Follow, HeadPose, Method, NeutralMode, Rotation, Rules, Wears};
 use tracing::level_filters::LevelFilter;
 
 section! {
@@ -64,6 +64,7 @@ section! {
         neutral: NeutralMode = NeutralMode::Auto, choice();
         wears: Wears = Wears::Nothing, choice();
         follow: Follow = Follow::Wearer, choice();
+        eye_distance_mm: f32 = HeadPose::EYE_DISTANCE_MM, number(20.0..=200.0, "mm");
     }
 
     FailsafeSettings {

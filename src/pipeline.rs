@@ -6,9 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use facewire_face::{
-    Camera, Face, Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker,
-};
+use facewire_face::{Camera, Face, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker};
 use facewire_packet::{Pose, Reason};
 
 use crate::calibration::{Observation, Store, StoreError, WearerName, model_hash};
@@ -228,23 +226,14 @@ pub fn model_warning(name: &WearerName, made_with: Option<u32>, solver: &SolverS
 }
 
 pub fn shaping(settings: &Settings) -> Shaping {
-    let smoothing = &settings.smoothing;
-    let seconds = |ms: u32| ms as f32 / 1000.0;
-    let of_group = |group: Group| {
-        let (kind, ms) = smoothing.of(group);
-        group.filter(kind, seconds(ms))
-    };
-    let filters = Filters::new(of_group, smoothing.head, seconds(smoothing.head_ms));
-    let mut shaping = Shaping::only(filters);
-    shaping.rules = settings.plausibility;
-    shaping.adjustments = settings.adjust.clone();
-    shaping
+    facewire_face::settings::shaping(&settings.smoothing, settings.plausibility, &settings.adjust)
 }
 
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;
     solver.wears = settings.wearer.wears;
+    solver.eye_distance_mm = settings.wearer.eye_distance_mm;
     Ok(solver)
 }
 

@@ -9,8 +9,8 @@ use std::time::Duration;
 use std::{process, ptr};
 
 use facewire_library::{
-    BLENDSHAPES, Error, FaceTracker, Filters, Format, MAX_SIDE_PX, Method, NeutralFace, NeutralMode, Options as Chosen,
-    Pixels, Profile, Shaping, default_shaping, parse_profile, parse_shaping, profile_text, read_profile,
+    BLENDSHAPES, Error, FaceTracker, Format, MAX_SIDE_PX, Method, NeutralFace, NeutralMode, Options as Chosen, Pixels,
+    Profile, Shaping, default_shaping, parse_profile, parse_shaping, profile_text, read_profile,
 };
 
 /// Number of blendshapes.
@@ -322,6 +322,7 @@ unsafe fn open(options: &Options) -> Result<FaceTracker, String> {
         .method(method(options.method)?)
         .horizontal_fov_deg(options.horizontal_fov_deg)
         .eye_distance_mm(options.eye_distance_mm)
+        .smoothing(!is_set(FACEWIRE_UNSMOOTHED))
         .shaping(shaping(options.flags, text(options.settings)?)?);
     if options.focal_length_px != 0.0 {
         chosen = chosen.focal_length_px(options.focal_length_px);
@@ -358,13 +359,6 @@ fn method(number: u32) -> Result<Method, String> {
 fn shaping(flags: u32, settings: Option<&str>) -> Result<Shaping, String> {
     let mut shaping = settings.map_or_else(|| Ok(default_shaping()), parse_shaping).map_err(told)?;
     shaping.adjustments.mirror |= flags & FACEWIRE_MIRROR != 0;
-    if flags & (FACEWIRE_STILLS | FACEWIRE_UNSMOOTHED) != 0 {
-        if shaping.filters != default_shaping().filters {
-            let both = "settings set [smoothing], but FACEWIRE_STILLS or FACEWIRE_UNSMOOTHED switches all filters off";
-            return Err(both.to_owned());
-        }
-        shaping.filters = Filters::OFF;
-    }
     Ok(shaping)
 }
 

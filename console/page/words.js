@@ -55,6 +55,7 @@ export const NAMES = {
   "wearer.neutral": "Neutral face",
   "wearer.wears": "On the face",
   "wearer.follow": "Followed among several",
+  "eye_distance_mm": "Distance of the pupils",
   "plausibility.lids": "Lids close alike",
   "plausibility.gaze": "Gaze stays in a blink",
   "opposed": "No opposite movements",

@@ -14,6 +14,8 @@
 mod infer;
 pub mod model;
 mod picture;
+mod profile_file;
+pub mod settings;
 mod solve;
 #[cfg(any(test, feature = "testing"))]
 #[allow(missing_docs, clippy::indexing_slicing, clippy::panic, clippy::missing_panics_doc)]
@@ -33,6 +35,7 @@ pub use track::{Appearance, EyeValues, Face, FaceBox, Follow, LANDMARKS, Landmar
 /// The single stages, for engines and for programs that measure, train or calibrate.
 pub mod stages {
     pub use crate::infer::{Network, NetworkFolder, Signature, engines, native_network};
+    pub use crate::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
     pub use crate::solve::{
         Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
         normalise,

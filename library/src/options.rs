@@ -19,6 +19,7 @@ pub struct Options {
     pub(crate) eye_distance_mm: f32,
     pub(crate) profile: Profile,
     pub(crate) shaping: Shaping,
+    smoothing: bool,
     pub(crate) neutral: NeutralMode,
     networks: Option<PathBuf>,
     method: Method,
@@ -65,6 +66,7 @@ impl Default for Options {
             eye_distance_mm: HeadPose::EYE_DISTANCE_MM,
             profile: Profile::default(),
             shaping: default_shaping(),
+            smoothing: true,
             neutral: NeutralMode::Auto,
             networks: None,
             method: Method::Network,
@@ -78,9 +80,7 @@ impl Options {
     /// The options of single pictures that have nothing to do with each other: no filters, no history, and the neutral face is
     /// that of the profile, or the mean of many people.
     pub fn for_stills() -> Self {
-        let mut shaping = default_shaping();
-        shaping.filters = Filters::OFF;
-        Self { stills: true, shaping, neutral: NeutralMode::Off, ..Self::default() }
+        Self { stills: true, smoothing: false, neutral: NeutralMode::Off, ..Self::default() }
     }
 
     /// Follows up to 16 faces (default 1), each with a history of its own. Each takes the time and the memory of one; while a
@@ -127,6 +127,12 @@ impl Options {
         Self { shaping, ..self }
     }
 
+    /// Whether coefficients and the head's pose are filtered (default true, but false for stills). Without smoothing,
+    /// [`shaping`](Self::shaping) must set no filters of its own.
+    pub fn smoothing(self, smoothing: bool) -> Self {
+        Self { smoothing: smoothing && !self.stills, ..self }
+    }
+
     /// Angle of view across the width of the camera's picture, degrees (default 60). The position of the head depends on it.
     pub fn horizontal_fov_deg(self, horizontal_fov_deg: f32) -> Self {
         Self { lens: Lens { fov_deg: horizontal_fov_deg, focal_px: None }, ..self }
@@ -144,11 +150,16 @@ impl Options {
     }
 
     /// Loads networks and model, and takes all memory.
-    pub fn open(self) -> Result<FaceTracker, Error> {
+    pub fn open(mut self) -> Result<FaceTracker, Error> {
         need((1..=MAX_FACES).contains(&self.max_faces), "max_faces can be 1 to 16")?;
         need((1..=16).contains(&self.threads), "threads can be 1 to 16")?;
         need((20.0..=200.0).contains(&self.eye_distance_mm), "eye_distance_mm can be 20 to 200")?;
         self.lens.check()?;
+        if !self.smoothing {
+            let has_none = [Filters::OFF, default_shaping().filters].contains(&self.shaping.filters);
+            need(has_none, "settings set [smoothing], but stills, or no smoothing, switch all filters off")?;
+            self.shaping.filters = Filters::OFF;
+        }
         let model = match &self.model {
             None => Model::of(self.method),
             Some(_) if self.method != Method::Network => {

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 use std::{mem, process};
 
 use facewire_library::{
-    Filters, Method, NeutralMode, Options, Profile, Shaping, default_shaping, parse_profile, parse_shaping,
-    profile_text, read_profile,
+    Method, NeutralMode, Options, Profile, Shaping, default_shaping, parse_profile, parse_shaping, profile_text,
+    read_profile,
 };
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -89,7 +89,8 @@ impl FaceTracker {
             .method(method_of(method)?)
             .horizontal_fov_deg(horizontal_fov_deg)
             .eye_distance_mm(eye_distance_mm)
-            .shaping(shaping(settings, mirror, smoothing && !stills)?);
+            .smoothing(smoothing)
+            .shaping(shaping(settings, mirror)?);
         if let Some(focal_length_px) = focal_length_px {
             options = options.focal_length_px(focal_length_px);
         }
@@ -259,16 +260,9 @@ fn method_of(name: &str) -> PyResult<Method> {
 }
 
 /// What these options make of coefficients.
-fn shaping(settings: Option<&str>, mirror: bool, is_smoothed: bool) -> PyResult<Shaping> {
+fn shaping(settings: Option<&str>, mirror: bool) -> PyResult<Shaping> {
     let shaping = settings.map_or_else(|| Ok(default_shaping()), parse_shaping);
     let mut shaping = shaping.map_err(|error| exception(&error))?;
     shaping.adjustments.mirror |= mirror;
-    if !is_smoothed {
-        if shaping.filters != default_shaping().filters {
-            let both = "settings set [smoothing], but stills=True or smoothing=False switches all filters off";
-            return Err(PyValueError::new_err(both));
-        }
-        shaping.filters = Filters::OFF;
-    }
     Ok(shaping)
 }

@@ -6,6 +6,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import tempfile
 import unittest
 import unittest.mock
 
@@ -153,12 +154,10 @@ class FaceLandmarker(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, f"is no picture of {kind.name}"):
                 mp.Image(kind, wrong)
 
-    def test_a_program_that_imports_mediapipe_in_many_ways_runs_after_install(self):
+    def test_a_program_that_imports_mediapipe_in_many_ways_runs_with_its_first_import_changed(self):
         program = """
-import facewire.mediapipe_compat
-facewire.mediapipe_compat.install()
+from facewire.mediapipe_compat import solutions
 import mediapipe as mp
-from mediapipe import solutions
 from mediapipe.framework.formats import landmark_pb2
 from mediapipe.python.solutions.face_mesh import FaceMesh
 from mediapipe.tasks import python
@@ -177,8 +176,30 @@ assert not detector.detect(mp.Image(mp.ImageFormat.SRGB, numpy.zeros((9, 9, 3), 
 proto = landmark_pb2.NormalizedLandmarkList()
 proto.landmark.extend([landmark_pb2.NormalizedLandmark(x=1, y=2, z=3)])
 assert proto.landmark[0].y == 2
+assert mp.solutions is solutions
 """
         subprocess.run([sys.executable, "-c", program], check=True)
+
+    def test_a_mediapipe_that_is_installed_stays_itself_until_install(self):
+        program = """
+import facewire.mediapipe_compat as ours
+import mediapipe
+assert mediapipe.of_google
+ours.install()
+import mediapipe
+from mediapipe.tasks.python import vision
+assert mediapipe is ours and vision is ours.tasks.vision
+"""
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / "mediapipe.py").write_text("of_google = True")
+            path = os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])
+            subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "PYTHONPATH": path})
+
+    def test_a_printed_result_shows_its_points(self):
+        with mp.tasks.vision.FaceLandmarker.create_from_options(self.options()) as landmarker:
+            found = landmarker.detect(mp.Image(mp.ImageFormat.SRGB, PICTURE[:, :, ::-1]))
+        self.assertEqual(str(found).count("NormalizedLandmark(x="), 478)
+        self.assertEqual(str(found).count("category_name="), 52)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ use std::collections::VecDeque;
 use facewire_face::{Model, Profile};
 use facewire_packet::control::{Phase, Progress, Refusal, Take};
 
+use super::model_hash;
 use super::observation::{Fit, Hold, Observation, View};
-use super::profile_file::model_hash;
 use super::take::{Takes, doubt, expected, learn};
 
 /// Time to read what to do, for the neutral take and the others.

@@ -2,9 +2,12 @@
 //! in a file: `Observation` (one per frame) -> [`Guide`] -> `Takes` -> `learn` -> `Profile` -> [`Store`]. All but the store
 //! is pure: time comes with the observations.
 
+use facewire_face::Model;
+pub use facewire_face::stages::MAX_PROFILE_BYTES;
+use flate2::Crc;
+
 mod guide;
 mod observation;
-mod profile_file;
 mod store;
 mod take;
 
@@ -13,9 +16,18 @@ pub use facewire_packet::control::Take;
 pub(crate) use guide::tests as test_wearer;
 pub use guide::{Calibration, Guide};
 pub use observation::Observation;
-#[cfg(test)]
-pub(crate) use profile_file::tests::file as test_profile;
-pub use profile_file::{MAX_PROFILE_BYTES, ProfileFile, model_hash};
 pub(crate) use store::replace_file;
+#[cfg(test)]
+pub(crate) use store::tests::file as test_profile;
 pub use store::{Store, StoreError, WearerName};
 pub use take::Seen;
+
+/// A wearer's profile, and how it was made.
+pub type ProfileFile = facewire_face::stages::ProfileFile<Take>;
+
+/// The hash of all numbers of a model, which tells whether a profile was made with it.
+pub fn model_hash(model: &Model) -> u32 {
+    let mut crc = Crc::new();
+    crc.update(&model.to_bytes());
+    crc.sum()
+}

@@ -14,7 +14,7 @@ use facewire_packet::control::{KeptProfile, Listed};
 use thiserror::Error;
 
 use super::guide::Calibration;
-use super::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
+use super::{MAX_PROFILE_BYTES, ProfileFile};
 use crate::clock::seconds_since_1970;
 
 /// Where the service manager puts the state of services.
@@ -217,11 +217,27 @@ fn folder(setting: &str, variable: impl Fn(&str) -> Option<String>, is_readable:
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::{os::unix::fs::PermissionsExt as _, process::Command};
 
-    use super::super::profile_file::tests::file;
+    use facewire_face::stages::normalise;
+    use facewire_face::testing::face;
+    use facewire_face::{Neutral, Profile};
+
+    use super::super::Take;
     use super::*;
+
+    /// A profile of a face of few points, which was made at this time.
+    pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
+        let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
+        let mut profile = Profile::from(Neutral::from_points(&face.points).unwrap());
+        profile.rest.fill(-0.2125);
+        profile.gain.fill(1.25);
+        let takes = vec![Take::Neutral, Take::EyesShut];
+        let file = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
+        // Rounded once, it stays the same.
+        ProfileFile::parse(&file.text()).unwrap()
+    }
 
     fn store() -> (tempfile::TempDir, Store, [WearerName; 2]) {
         let folder = tempfile::tempdir().unwrap();

@@ -4,6 +4,9 @@ use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 
 use facewire_board::Attached;
+use facewire_face::settings::{
+    Entry, Field, Fields, Overlay, Reader, Section, Table, TableOf, Takes, field, flag, number, section, whole,
+};
 use facewire_face::{Adjustments, Wears};
 use facewire_packet::formats::dmx::{USUAL_HZ, group};
 use facewire_packet::formats::vrchat::{MOST_BITS, Parameters};
@@ -12,12 +15,9 @@ use facewire_servo::maestro::Protocol;
 use facewire_servo::pca9685::Period;
 use facewire_servo::{AtLoss, ChannelSettings, SOURCE_NAMES, Sources, dmx::AtStop, dmx::Encoding};
 
-use super::overlay::{Entry, Field, Overlay, Reader, Section, field, section};
-use super::takes::Takes;
 use super::value::{
-    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, NAME, OSC_PREFIX, SerialDevice, Table, UP_TO_64_CHARACTERS,
-    address, choice, choices, flag, json_target, local_address, number, optional_address, parameters, serial_device,
-    socket_address, text, whole,
+    Address, Choice, EXACTLY_36_CHARACTERS, JsonTarget, NAME, OSC_PREFIX, SerialDevice, UP_TO_64_CHARACTERS, address,
+    choice, choices, json_target, local_address, optional_address, parameters, serial_device, socket_address, text,
 };
 
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
@@ -205,38 +205,34 @@ impl Reader<Vec<ChannelSettings>> for Channels {
     fn read(&self, channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         channels.extend(entry.each().iter().map(|entry| {
             let mut channel = ChannelSettings::default();
-            file.section(&mut channel, entry);
+            file.section(&mut Fields(&mut channel, channel_fields), entry);
             channel
         }));
     }
 }
 
-impl Section for ChannelSettings {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("channel", &mut self.channel, whole(0..=512, "")),
-            field("name", &mut self.name, text(NAME)),
-            field("sources", &mut self.sources, Table),
-            field("offset", &mut self.offset, number(-10.0..=10.0, "")),
-            field("pulse_at_0_us", &mut self.pulse_at_0_us, whole(64..=4080, "microseconds")),
-            field("pulse_at_1_us", &mut self.pulse_at_1_us, whole(64..=4080, "microseconds")),
-            field("position_at_0", &mut self.position_at_0, number(0.0..=4095.0, "")),
-            field("position_at_1", &mut self.position_at_1, number(0.0..=4095.0, "")),
-            field("neutral", &mut self.neutral, number(-1.0..=1.0, "")),
-            field("speed_per_s", &mut self.speed_per_s, number(0.0..=100.0, "1/s")),
-            field("acceleration_per_s2", &mut self.acceleration_per_s2, number(0.0..=1000.0, "1/s²")),
-            field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
-            field("loss", &mut self.loss, choice()),
-            field("dmx", &mut self.dmx, choice()),
-            field("stop_value", &mut self.stop_value, whole(0..=65_535, "")),
-        ]
-    }
+pub(super) fn channel_fields(channel: &mut ChannelSettings) -> Vec<Field<'_>> {
+    vec![
+        field("channel", &mut channel.channel, whole(0..=512, "")),
+        field("name", &mut channel.name, text(NAME)),
+        field("sources", &mut channel.sources, TableOf(source_fields)),
+        field("offset", &mut channel.offset, number(-10.0..=10.0, "")),
+        field("pulse_at_0_us", &mut channel.pulse_at_0_us, whole(64..=4080, "microseconds")),
+        field("pulse_at_1_us", &mut channel.pulse_at_1_us, whole(64..=4080, "microseconds")),
+        field("position_at_0", &mut channel.position_at_0, number(0.0..=4095.0, "")),
+        field("position_at_1", &mut channel.position_at_1, number(0.0..=4095.0, "")),
+        field("neutral", &mut channel.neutral, number(-1.0..=1.0, "")),
+        field("speed_per_s", &mut channel.speed_per_s, number(0.0..=100.0, "1/s")),
+        field("acceleration_per_s2", &mut channel.acceleration_per_s2, number(0.0..=1000.0, "1/s²")),
+        field("dead_zone", &mut channel.dead_zone, number(0.0..=0.2, "")),
+        field("loss", &mut channel.loss, choice()),
+        field("dmx", &mut channel.dmx, choice()),
+        field("stop_value", &mut channel.stop_value, whole(0..=65_535, "")),
+    ]
 }
 
-impl Section for Sources {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        SOURCE_NAMES.into_iter().zip(self).map(|(name, gain)| field(name, gain, number(-10.0..=10.0, ""))).collect()
-    }
+fn source_fields(sources: &mut Sources) -> Vec<Field<'_>> {
+    SOURCE_NAMES.into_iter().zip(sources).map(|(name, gain)| field(name, gain, number(-10.0..=10.0, ""))).collect()
 }
 
 /// The channels of a kind of link, as a reference like that to the kind.
@@ -435,7 +431,7 @@ impl Reader<Vec<LinkSettings>> for Links {
 
     fn read(&self, links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         if entry.value.get_ref().as_array().is_none() {
-            return file.refuse(entry, Takes::Links.to_string());
+            return file.refuse(entry, &Takes::Links.to_string());
         }
         *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
     }

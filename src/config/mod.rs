@@ -7,10 +7,8 @@
 
 mod explanation;
 mod link;
-mod overlay;
 mod schema;
 mod settings;
-mod takes;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -19,16 +17,15 @@ use std::path::Path;
 
 use facewire_board::{WrongEncoding, utf8};
 use facewire_face::Method;
+pub use facewire_face::settings::Faults;
+pub(crate) use facewire_face::settings::quoted;
+use facewire_face::settings::{Entry, Overlay, Section as _, Takes};
 pub use link::*;
-pub use overlay::Faults;
 pub use schema::schema;
 pub use settings::*;
-pub(crate) use value::quoted;
 pub use value::{Address, Choice, JsonTarget, Listen, Scene, Script, SerialDevice};
 
 use self::explanation::{Explanation, explanations};
-use self::overlay::{Entry, Overlay, Section as _};
-use self::takes::Takes;
 use crate::calibration::WearerName;
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.

@@ -3,14 +3,14 @@
 //! Keys, types, bounds, units and choices are those of the tables of settings. Comments and defaults are those of
 //! `facewire.toml` and `links.toml`.
 
+use facewire_face::settings::{Fields, Takes, keys};
 use facewire_face::{Adjustment, Adjustments};
 use facewire_servo::ChannelSettings;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::explanation::{Explanation, explanations};
-use super::overlay::Section;
-use super::takes::Takes;
+use super::link::channel_fields;
 use super::{CHANNEL_HEADING, DEFAULTS, LINK_HEADING, LinkKind, LinkSettings, Settings, default_link};
 const ADJUST_HEADING: &str = "[adjust]";
 
@@ -19,7 +19,11 @@ const ADJUST_HEADING: &str = "[adjust]";
 pub fn schema() -> Value {
     let explained = explanations(DEFAULTS);
     let of_channel = default_link("maestro").unwrap_or_default();
-    let of_channel = table(keys(&mut ChannelSettings::default()), CHANNEL_HEADING, &explanations(&of_channel));
+    let of_channel = table(
+        keys(&mut Fields(&mut ChannelSettings::default(), channel_fields)),
+        CHANNEL_HEADING,
+        &explanations(&of_channel),
+    );
     let mut schema = table(keys(&mut Settings::default()), "", &explained);
     add(&mut schema, "$schema", "https://json-schema.org/draft/2020-12/schema");
     add(&mut schema, "title", "facewire");
@@ -30,11 +34,6 @@ pub fn schema() -> Value {
     });
     add(&mut schema, "$defs", definitions);
     schema
-}
-
-/// The keys of a section, and what they take.
-pub(super) fn keys(section: &mut dyn Section) -> Vec<(&'static str, Takes)> {
-    section.fields().into_iter().map(|field| (field.key, field.takes)).collect()
 }
 
 /// The table with these keys, which are explained under this heading.

@@ -1,21 +1,18 @@
 //! Every table of the settings, with the type, the default, the bounds and the unit of each key.
 //!
-//! `systemd/facewire.toml` explains them. The tables of links are in `link.rs`.
+//! `systemd/facewire.toml` explains them. The tables of links are in `link.rs`, and those that shape the output in
+//! `face/src/settings/shaping.rs`, for the library has them, too.
 
 use super::{
     board_names,
     link::{LinkSettings, Links},
-    overlay::{Entry, Field, Overlay, Reader, Section, field, section},
-    takes::Takes,
-    value::{
-        ANY_TEXT, Choice, HOST_NAMES, Listen, Table, choice, choices, flag, listen, number, rotation, text, whole,
-    },
+    value::{ANY_TEXT, Choice, HOST_NAMES, Listen, choice, choices, listen, rotation, text},
 };
 use facewire_board::HardwareSettings;
-use facewire_face::{
-    Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Follow, Group, Method, NeutralMode, Rotation,
-    Rules, Wears,
+use facewire_face::settings::{
+    Entry, Field, Overlay, Reader, SmoothingSettings, Table, TableOf, Takes, field, flag, number, section, whole,
 };
+use facewire_face::{Adjustments, EngineChoice, Follow, HeadPose, Method, NeutralMode, Rotation, Rules, Wears};
 use tracing::level_filters::LevelFilter;
 
 section! {
@@ -32,7 +29,7 @@ section! {
         send: SendSettings = SendSettings::default(), Table;
         links "link": Vec<LinkSettings> = vec![LinkSettings::default(), LinkSettings::to_the_board()], Links;
         realtime: RealtimeSettings = RealtimeSettings::default(), Table;
-        hardware: HardwareSettings = HardwareSettings::default(), Table;
+        hardware: HardwareSettings = HardwareSettings::default(), TableOf(hardware_fields);
         adaptation: AdaptationSettings = AdaptationSettings::default(), Table;
         metrics: MetricsSettings = MetricsSettings::default(), Table;
         console: ConsoleSettings = ConsoleSettings::default(), Table;
@@ -61,29 +58,13 @@ section! {
         model: String = String::new(), text(ANY_TEXT);
     }
 
-    SmoothingSettings {
-        lids: FilterKind = FilterKind::GatedAverage, choice();
-        lids_ms: u32 = 350, whole(0..=350, "ms");
-        gaze: FilterKind = FilterKind::GatedAverage, choice();
-        gaze_ms: u32 = 100, whole(0..=350, "ms");
-        brows: FilterKind = FilterKind::GatedAverage, choice();
-        brows_ms: u32 = 350, whole(0..=350, "ms");
-        mouth: FilterKind = FilterKind::GatedAverage, choice();
-        mouth_ms: u32 = 350, whole(0..=350, "ms");
-        jaw: FilterKind = FilterKind::GatedAverage, choice();
-        jaw_ms: u32 = 220, whole(0..=350, "ms");
-        cheeks: FilterKind = FilterKind::GatedAverage, choice();
-        cheeks_ms: u32 = 350, whole(0..=350, "ms");
-        head: FilterKind = FilterKind::GatedAverage, choice();
-        head_ms: u32 = 350, whole(0..=350, "ms");
-    }
-
     WearerSettings {
         name: String = String::new(), text(ANY_TEXT);
         folder: String = String::new(), text(ANY_TEXT);
         neutral: NeutralMode = NeutralMode::Auto, choice();
         wears: Wears = Wears::Nothing, choice();
         follow: Follow = Follow::Wearer, choice();
+        eye_distance_mm: f32 = HeadPose::EYE_DISTANCE_MM, number(20.0..=200.0, "mm");
     }
 
     FailsafeSettings {
@@ -122,74 +103,11 @@ impl Reader<&'static str> for Board {
     fn read(&self, _: &mut &'static str, _: &Entry<'_>, _: &mut Overlay<'_>) {}
 }
 
-impl Section for Rules {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("lids", &mut self.lids, flag()),
-            field("gaze", &mut self.gaze, flag()),
-            field("opposed", &mut self.opposed, flag()),
-            field("mouth_close", &mut self.mouth_close, flag()),
-            field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
-        ]
-    }
-}
-
-impl Section for HardwareSettings {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("thermal_zone", &mut self.thermal_zone, text(ANY_TEXT)),
-            field("temperature_limit_c", &mut self.temperature_limit_c, whole(0..=120, "°C")),
-        ]
-    }
-}
-
-/// `mirror`, and a key for each blendshape.
-impl Section for Adjustments {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        let coefficients = BLENDSHAPES.into_iter().zip(&mut self.coefficients);
-        let coefficients = coefficients.map(|(key, coefficient)| field(key, coefficient, Limited));
-        [field("mirror", &mut self.mirror, flag())].into_iter().chain(coefficients).collect()
-    }
-}
-
-/// Reads an adjustment whose limits do not contradict each other.
-struct Limited;
-
-impl Reader<Adjustment> for Limited {
-    fn takes(&self, adjustment: &mut Adjustment) -> Takes {
-        Table.takes(adjustment)
-    }
-
-    fn read(&self, adjustment: &mut Adjustment, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        file.section(adjustment, entry);
-        if adjustment.min > adjustment.max {
-            file.refuse(entry, "a min that is at most max".to_owned());
-        }
-    }
-}
-
-impl Section for Adjustment {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("gain", &mut self.gain, number(0.0..=10.0, "")),
-            field("offset", &mut self.offset, number(-1.0..=1.0, "")),
-            field("min", &mut self.min, number(0.0..=1.0, "")),
-            field("max", &mut self.max, number(0.0..=1.0, "")),
-        ]
-    }
-}
-
-impl SmoothingSettings {
-    pub fn of(&self, group: Group) -> (FilterKind, u32) {
-        match group {
-            Group::Lids => (self.lids, self.lids_ms),
-            Group::Gaze => (self.gaze, self.gaze_ms),
-            Group::Brows => (self.brows, self.brows_ms),
-            Group::Mouth => (self.mouth, self.mouth_ms),
-            Group::Jaw => (self.jaw, self.jaw_ms),
-            Group::Cheeks => (self.cheeks, self.cheeks_ms),
-        }
-    }
+fn hardware_fields(hardware: &mut HardwareSettings) -> Vec<Field<'_>> {
+    vec![
+        field("thermal_zone", &mut hardware.thermal_zone, text(ANY_TEXT)),
+        field("temperature_limit_c", &mut hardware.temperature_limit_c, whole(0..=120, "°C")),
+    ]
 }
 
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
@@ -200,9 +118,5 @@ choices! { Wears: Nothing = "nothing", Headset = "headset", Mask = "mask" }
 choices! { Follow: Nearest = "nearest", Centre = "centre", Wearer = "wearer" }
 
 impl Choice for Method {
-    const ALL: &'static [(&'static str, Self)] = Self::NAMES;
-}
-
-impl Choice for FilterKind {
     const ALL: &'static [(&'static str, Self)] = Self::NAMES;
 }

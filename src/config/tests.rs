@@ -1,9 +1,10 @@
 //! What the settings promise.
 
 use facewire_face::BLENDSHAPES;
+use facewire_face::settings::{Fields, keys};
 use facewire_servo::{ChannelSettings, SOURCE_NAMES};
 
-use super::schema::keys;
+use super::link::channel_fields;
 use super::*;
 
 /// A file that uses every key.
@@ -73,7 +74,7 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
         | LinkKind::Sacn(SacnSettings { channels, .. })
         | LinkKind::ArtNet(ArtNetSettings { channels, .. }) = &mut want.kind
         {
-            assert_explained(keys(&mut ChannelSettings::default()), &text);
+            assert_explained(keys(&mut Fields(&mut ChannelSettings::default(), channel_fields)), &text);
             let channel = u32::from(text.contains("\nuniverse = "));
             let mut jaw = ChannelSettings { channel, ..ChannelSettings::default() };
             jaw.sources[SOURCE_NAMES.iter().position(|name| *name == "jawOpen").unwrap()] = 1.0;

@@ -1,14 +1,12 @@
 //! The types of values, and their readers.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::{fmt, ops::RangeInclusive, path::PathBuf};
+use std::{fmt, path::PathBuf};
 
 use facewire_face::Rotation;
+use facewire_face::settings::{Reader, Takes, Value, one_of};
 use facewire_packet::formats::vrchat::Parameters;
 use toml::de::DeValue;
-
-use super::overlay::{Entry, Objection, Overlay, Reader, Section};
-use super::takes::Takes;
 
 pub trait Choice: Copy + PartialEq + 'static {
     const ALL: &'static [(&'static str, Self)];
@@ -38,80 +36,8 @@ macro_rules! choices {
 
 pub(super) use choices;
 
-/// Reads a table of settings.
-pub struct Table;
-
-impl<T: Section> Reader<T> for Table {
-    fn takes(&self, section: &mut T) -> Takes {
-        Takes::Table(section.fields().into_iter().map(|field| (field.key, field.takes)).collect())
-    }
-
-    fn read(&self, section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        file.section(section, entry);
-    }
-}
-
-/// Reads a value by `read`, which returns `None` for all but what the setting takes.
-struct Value<F> {
-    takes: Takes,
-    read: F,
-    objection: Objection,
-}
-
-impl<F> Value<F> {
-    fn new(takes: Takes, read: F) -> Self {
-        Self { takes, read, objection: |_| None }
-    }
-}
-
-impl<T, F: Fn(&DeValue<'_>) -> Option<T>> Reader<T> for Value<F> {
-    fn takes(&self, _: &mut T) -> Takes {
-        self.takes.clone()
-    }
-
-    fn read(&self, setting: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        match (self.read)(entry.value.get_ref()) {
-            Some(value) => *setting = value,
-            None => file.refuse_value(entry, &self.takes, self.objection),
-        }
-    }
-}
-
 pub fn choice<T: Choice>() -> impl Reader<T> {
-    let named = |text: &str| T::ALL.iter().find(|(name, _)| *name == text).map(|(_, value)| *value);
-    let takes = Takes::OneOf(T::ALL.iter().map(|(name, _)| *name).collect());
-    Value::new(takes, move |value: &DeValue<'_>| named(value.as_str()?))
-}
-
-pub fn quoted(text: &str) -> String {
-    toml::Value::from(text).to_string()
-}
-
-/// Reads a whole number in this range.
-pub fn whole<T: TryFrom<i64> + Into<i64> + Copy + PartialOrd>(
-    range: RangeInclusive<T>,
-    unit: &'static str,
-) -> impl Reader<T> {
-    let takes = Takes::Whole { least: (*range.start()).into(), most: (*range.end()).into(), unit };
-    let read = move |value: &DeValue<'_>| {
-        let integer = value.as_integer()?;
-        let number = T::try_from(i64::from_str_radix(integer.as_str(), integer.radix()).ok()?).ok()?;
-        range.contains(&number).then_some(number)
-    };
-    Value::new(takes, read)
-}
-
-pub fn number(range: RangeInclusive<f32>, unit: &'static str) -> impl Reader<f32> {
-    let takes = Takes::Number { least: *range.start(), most: *range.end(), unit };
-    let read = move |value: &DeValue<'_>| {
-        let number = match value {
-            DeValue::Float(float) => float.as_str().parse().ok()?,
-            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok()?,
-            _ => return None,
-        };
-        range.contains(&number).then_some(number)
-    };
-    Value::new(takes, read)
+    one_of(T::ALL)
 }
 
 /// Reads the angle of a turn in degrees.
@@ -123,10 +49,6 @@ pub fn rotation() -> impl Reader<Rotation> {
     Value::new(Takes::OneOfNumbers(Rotation::ALL.map(Rotation::degrees)), read)
 }
 
-pub fn flag() -> impl Reader<bool> {
-    Value::new(Takes::Flag, |value: &DeValue<'_>| value.as_bool())
-}
-
 /// Reads a text from which `parse` makes a value.
 fn parsed<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
     Value::new(Takes::Text(expected.into()), move |value: &DeValue<'_>| parse(value.as_str()?))
@@ -135,7 +57,7 @@ fn parsed<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> 
 /// As [`parsed`], for a text with an address in it.
 fn parsed_address<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
     let read = move |value: &DeValue<'_>| parse(value.as_str()?);
-    Value { takes: Takes::Text(expected.into()), read, objection: objection_to_address }
+    Value::new(Takes::Text(expected.into()), read).but(objection_to_address)
 }
 
 /// As [`parsed_address`], or an empty text for nothing.

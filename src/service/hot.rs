@@ -398,13 +398,15 @@ impl HotLoop {
             pipeline.tracker = tracker.or(pipeline.tracker.take());
             let solver = &mut pipeline.solver;
             solver.neutral_mode = self.settings.wearer.neutral;
+            let eye_distance_mm = self.settings.wearer.eye_distance_mm;
             let shaping = pipeline::shaping(&self.settings);
             let model = model.filter(|model| *model != solver.model);
-            if model.is_some() || shaping != solver.shaping {
+            if model.is_some() || shaping != solver.shaping || eye_distance_mm != solver.eye_distance_mm {
                 if let Some(model) = model {
                     solver.model = model;
                 }
                 solver.shaping = shaping;
+                solver.eye_distance_mm = eye_distance_mm;
                 solver.crossfade();
             }
         }
@@ -556,6 +558,28 @@ mod tests {
         assert!(step(44, 45) < 1e-3, "{}", step(44, 45));
         let most = 0.5 * step(44, 89);
         (45..89).for_each(|frame| assert!(step(frame, frame + 1) < most, "{frame}: {}", step(frame, frame + 1)));
+    }
+
+    #[test]
+    fn another_distance_of_the_pupils_leads_the_head_to_a_position_in_proportion_without_a_step() {
+        let tracker = load_tracker(&NetworkSettings::default()).unwrap();
+        let (mut hot, _told, _counters) = hot(Settings::default(), tracker);
+        let (changes, taken) = mpsc::channel();
+        hot.changes = taken;
+        let mut clip = Clip::once().unwrap();
+        let held = clip.next().unwrap().unwrap();
+        let mut away_mm = |number: u64| {
+            let frame = Frame { captured_us: 33_333 * number, ..held };
+            hot.adopt();
+            hot.pipeline.as_mut().unwrap().process(&frame).solved.ok().unwrap().head.position_mm[2]
+        };
+        let before = (0..45).map(&mut away_mm).last().unwrap();
+        let mut settings = Settings::default();
+        settings.wearer.eye_distance_mm = 126.0;
+        changes.send(HotChange { settings: Some(settings), tracker: None, model: None, profile: None }).unwrap();
+        let after: Vec<_> = (45..120).map(&mut away_mm).collect();
+        assert!((after[0] / before - 1.0).abs() < 1e-3, "{before} {}", after[0]);
+        assert!((after[74] / before - 2.0).abs() < 1e-2, "{before} {}", after[74]);
     }
 
     #[test]

@@ -4,11 +4,13 @@ Given are `mp.solutions.face_mesh.FaceMesh` and `mp.tasks.vision.FaceLandmarker`
 lists of edges, and the drawing utilities (which need OpenCV). Options that choose a model file or a confidence are accepted and
 have no effect. `detect_async` calls back before it returns.
 
-`install()` makes `import mediapipe`, and imports of its modules, mean this package, for programs that spell them in many ways.
+Where MediaPipe is not installed, `import mediapipe` and imports of its modules mean this package from then on, so that one changed
+import is enough for a program of many files. Where it is, `install()` makes them mean this package.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import types
 
@@ -106,3 +108,7 @@ def install() -> None:
     for name, module in list(sys.modules.items()):
         if name == __name__ or name.startswith(__name__ + "."):
             sys.modules["mediapipe" + name[len(__name__):]] = module
+
+
+if "mediapipe" not in sys.modules and importlib.util.find_spec("mediapipe") is None:
+    install()

@@ -45,6 +45,9 @@ class Landmarks(Sequence):  # type: ignore[type-arg]
             return [self._made(point) for point in self._points[index].tolist()]
         return self._made(self._points[index].tolist())
 
+    def __repr__(self) -> str:
+        return repr(list(self))
+
     def __iter__(self) -> Any:
         return (self._made(point) for point in self._points.tolist())
 

@@ -25,7 +25,8 @@ struct Fault {
 pub struct Faults(Vec<Fault>);
 
 impl Faults {
-    pub(super) fn push(&mut self, sentence: String) {
+    /// Adds a fault that concerns a whole file.
+    pub fn push(&mut self, sentence: String) {
         self.0.push(Fault { key: String::new(), is_invalid_value: false, sentence });
     }
 
@@ -41,6 +42,7 @@ impl Faults {
         }
     }
 
+    /// Whether a value in this table is wrong by itself.
     pub fn has_invalid_value(&self, table: &str) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))
     }
@@ -55,14 +57,18 @@ impl Faults {
         self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))
     }
 
+    /// The faults, each in one sentence.
     pub fn iter(&self) -> impl Iterator<Item = &str> {
         self.0.iter().map(|fault| &*fault.sentence)
     }
 }
 
+/// A key in a file, and its value.
+#[derive(Debug)]
 pub struct Entry<'a> {
     /// The key, preceded by those of the tables around it, such as `camera.width`.
     pub path: String,
+    /// The value, and where it stands.
     pub value: &'a Spanned<DeValue<'a>>,
 }
 
@@ -76,6 +82,7 @@ impl Entry<'_> {
 
 /// Reads the value of a setting.
 pub trait Reader<T> {
+    /// What the setting takes.
     fn takes(&self, setting: &mut T) -> Takes;
 
     /// Takes the value of an entry, or adds a fault to those of the file.
@@ -85,16 +92,25 @@ pub trait Reader<T> {
 /// Returns what to give in place of a text, if there is something better than what the setting takes.
 pub type Objection = fn(&str) -> Option<&'static str>;
 
+/// Takes the value of an entry, or adds a fault to those of the file.
+pub type Read<'a> = Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>;
+
 /// A key of a section, what it takes, and what reads its value.
 pub struct Field<'a> {
+    /// The key.
     pub key: &'static str,
+    /// What the setting takes.
     pub takes: Takes,
-    pub read: Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>,
+    /// Takes the value of an entry.
+    pub read: Read<'a>,
 }
 
+/// A table of settings.
 pub trait Section {
+    /// Its keys.
     fn fields(&mut self) -> Vec<Field<'_>>;
 
+    /// The names of its keys.
     fn keys(&mut self) -> Vec<&'static str> {
         self.fields().iter().map(|field| field.key).collect()
     }
@@ -102,6 +118,16 @@ pub trait Section {
     /// Returns the end of the sentence that a key is not a setting, if there is a better one than which key is similar.
     fn objection(&mut self, _key: &str) -> Option<String> {
         None
+    }
+}
+
+/// A table whose fields a function names.
+#[allow(missing_debug_implementations, reason = "it is made for one call")]
+pub struct Fields<'a, T>(pub &'a mut T, pub fn(&mut T) -> Vec<Field<'_>>);
+
+impl<T> Section for Fields<'_, T> {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        (self.1)(self.0)
     }
 }
 
@@ -114,6 +140,7 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
 /// What follows as `.. field: Type;` has no key: it follows from other settings once all are read.
 /// Makes the struct of each table, its defaults, the reader of its keys, and the comparison of two.
+#[macro_export]
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
@@ -124,6 +151,7 @@ macro_rules! section {
     )*) => { $(
         $(#[doc = $doc])*
         #[derive(Debug, Clone, PartialEq)]
+        #[allow(missing_docs, reason = "the comments of the settings say it")]
         pub struct $name {
             $( pub $field: $type, )*
             $( pub $derived: $derived_type, )*
@@ -136,23 +164,23 @@ macro_rules! section {
         }
 
         impl $name {
+            /// The keys whose settings differ from the others.
             pub fn changed_keys(&self, other: &Self) -> Vec<&'static str> {
                 let keys = [ $( ([$($key,)? stringify!($field)][0], self.$field != other.$field), )* ];
                 keys.into_iter().filter(|(_, is_changed)| *is_changed).map(|(key, _)| key).collect()
             }
         }
 
-        impl Section for $name {
-            fn fields(&mut self) -> Vec<Field<'_>> {
-                vec![ $( field([$($key,)? stringify!($field)][0], &mut self.$field, $read), )* ]
+        impl $crate::settings::Section for $name {
+            fn fields(&mut self) -> Vec<$crate::settings::Field<'_>> {
+                vec![ $( $crate::settings::field([$($key,)? stringify!($field)][0], &mut self.$field, $read), )* ]
             }
         }
     )* };
 }
 
-pub(super) use section;
-
 /// A file that is being laid over settings.
+#[derive(Debug)]
 pub struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
@@ -168,7 +196,7 @@ impl<'a> Overlay<'a> {
         let (document, errors) = DeTable::parse_recoverable(text);
         for error in &errors {
             let start = error.span().map_or(0, |span| span.start);
-            file.fault(start, String::new(), false, format!("not valid TOML: {}", error.message()));
+            file.fault(start, String::new(), false, &format!("not valid TOML: {}", error.message()));
         }
         (file, if errors.is_empty() { document.into_inner() } else { DeTable::new() })
     }
@@ -180,10 +208,11 @@ impl<'a> Overlay<'a> {
         faults.0.extend(self.found.into_iter().map(|(_, fault)| fault));
     }
 
+    /// Lays the table that is the value of an entry over a section.
     pub fn section(&mut self, section: &mut dyn Section, entry: &Entry<'_>) {
         match entry.value.get_ref().as_table() {
             Some(table) => self.entries(section, &entry.path, table),
-            None => self.refuse(entry, Takes::Table(Vec::new()).to_string()),
+            None => self.refuse(entry, &Takes::Table(Vec::new()).to_string()),
         }
     }
 
@@ -197,7 +226,7 @@ impl<'a> Overlay<'a> {
             }
             let objection = section.objection(key).unwrap_or_else(|| hint(key, &section.keys()));
             let sentence = format!("{} is not a setting{objection}", printable(&path));
-            self.fault(name.span().start, path, false, sentence);
+            self.fault(name.span().start, path, false, &sentence);
         }
     }
 
@@ -209,17 +238,17 @@ impl<'a> Overlay<'a> {
             (None, Takes::OneOf(names)) => takes.to_string() + &suggestion(&text.to_ascii_lowercase(), names),
             (None, takes) => takes.to_string(),
         };
-        self.refuse(entry, expected);
+        self.refuse(entry, &expected);
     }
 
     /// Adds the fault that the value of this entry is not what is expected.
-    pub fn refuse(&mut self, Entry { path, value }: &Entry<'_>, expected: String) {
+    pub fn refuse(&mut self, Entry { path, value }: &Entry<'_>, expected: &str) {
         let written = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
         let sentence = format!("{path} = {}: give {expected}", printable(written));
-        self.fault(value.span().start, path.clone(), true, sentence);
+        self.fault(value.span().start, path.clone(), true, &sentence);
     }
 
-    fn fault(&mut self, start: usize, key: String, is_invalid_value: bool, sentence: String) {
+    fn fault(&mut self, start: usize, key: String, is_invalid_value: bool, sentence: &str) {
         let before = self.text.get(..start).unwrap_or_default();
         let line = 1 + before.matches('\n').count();
         let sentence = format!("{}:{line}: {sentence}", self.source);

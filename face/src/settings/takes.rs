@@ -2,9 +2,11 @@
 
 use std::fmt;
 
-use super::value::quoted;
+use super::quoted;
 
+/// What a setting takes. Numbers are given with their bounds.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub enum Takes {
     Flag,
     Whole {

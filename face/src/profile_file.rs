@@ -1,37 +1,40 @@
-//! A wearer's profile as a file that people can read and compare (TOML).
+//! A wearer's profile as a text that people can read and compare (TOML).
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
-use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neutral, Profile};
-use flate2::Crc;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use facewire_packet::control::Take;
+use crate::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Neutral, Profile};
 
 const FORMAT: i64 = 1;
+/// Most bytes of the text.
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
 const STEPS: f32 = 10_000.0;
-/// Greatest coordinate in a file, steps. Faces stay below 3 eye distances.
+/// Greatest coordinate in a text, steps. Faces stay below 3 eye distances.
 const MAX_STEPS: f32 = 50_000.0;
 
+/// What the text holds: a profile, and how a calibration by the takes `T` made it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ProfileFile {
+pub struct ProfileFile<T> {
+    /// What is known of the wearer.
     pub profile: Profile,
     /// The hash of the model that read the takes. Older files do not have it.
     pub model: Option<u32>,
-    pub takes: Vec<Take>,
+    /// The takes, each once.
+    pub takes: Vec<T>,
+    /// When it was made, seconds since 1970.
     pub made_at_unix_s: u64,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "fields that are there for people, and the format, which is read before")]
-struct Table {
+struct Table<T> {
     format: u32,
     made_by: String,
     made_at_unix_s: u64,
     model: Option<String>,
-    takes: Vec<Take>,
+    takes: Vec<T>,
     neutral: Vec<[i32; 3]>,
     blendshapes: BTreeMap<String, Terms>,
 }
@@ -43,7 +46,7 @@ struct Terms {
     gain: f32,
 }
 
-impl ProfileFile {
+impl<T: Serialize + DeserializeOwned + PartialEq> ProfileFile<T> {
     /// Reads a text, or says in one sentence why it is no profile.
     pub fn parse(text: &str) -> Result<Self, String> {
         if text.len() > MAX_PROFILE_BYTES {
@@ -54,13 +57,15 @@ impl ProfileFile {
         if let Some(format) = table.get("format").and_then(toml::Value::as_integer).filter(|format| *format != FORMAT) {
             return Err(format!("it has format {format}, and this facewire reads format {FORMAT}"));
         }
-        let table: Table = table.try_into().map_err(damaged)?;
+        let table: Table<T> = table.try_into().map_err(damaged)?;
         table.read().map_err(|error| format!("it is damaged: {error}"))
     }
 
+    /// The text that [`ProfileFile::parse`] reads. Coordinates are rounded.
     pub fn text(&self) -> String {
         let mut text = String::with_capacity(MAX_PROFILE_BYTES);
-        let takes: Vec<_> = self.takes.iter().map(|take| format!("{:?}", take.name())).collect();
+        let takes: Vec<_> = self.takes.iter().filter_map(|take| toml::Value::try_from(take).ok()).collect();
+        let takes: Vec<_> = takes.iter().map(toml::Value::to_string).collect();
         let _ = writeln!(text, "format = {FORMAT}\nmade_by = \"facewire {}\"", env!("CARGO_PKG_VERSION"));
         let _ = writeln!(text, "made_at_unix_s = {}", self.made_at_unix_s);
         if let Some(model) = self.model {
@@ -68,6 +73,7 @@ impl ProfileFile {
         }
         let _ = writeln!(text, "takes = [{}]\n", takes.join(", "));
         text.push_str("# x, y, z of the landmarks, in ten-thousandths of the distance of the eyes\nneutral = [\n");
+        #[expect(clippy::cast_possible_truncation, reason = "the greatest coordinate is an i32")]
         let steps = |value: f32| (value * STEPS).round().clamp(-MAX_STEPS, MAX_STEPS) as i32;
         for [x, y, z] in self.profile.neutral.iter().flat_map(Neutral::points) {
             let _ = writeln!(text, "[{},{},{}],", steps(x), steps(y), steps(z));
@@ -80,11 +86,12 @@ impl ProfileFile {
     }
 }
 
-impl Table {
-    fn read(self) -> Result<ProfileFile, String> {
+impl<T: PartialEq> Table<T> {
+    fn read(self) -> Result<ProfileFile<T>, String> {
         let need = |is_good: bool, error: String| is_good.then_some(()).ok_or(error);
         let absurd = |what: &str| format!("{what} has a value that no face has");
-        need(self.takes.is_sorted_by(|a, b| a < b), "the takes are not in order".to_owned())?;
+        let is_once = |take: &T| self.takes.iter().filter(|other| *other == take).count() == 1;
+        need(self.takes.iter().all(is_once), "the takes name one twice".to_owned())?;
         let landmarks = self.neutral.len();
         let blendshapes = self.blendshapes.len();
         need(landmarks == LANDMARKS, format!("it has {landmarks} landmarks instead of {LANDMARKS}"))?;
@@ -109,33 +116,25 @@ impl Table {
     }
 }
 
-/// The hash of all numbers of a model, which tells whether a profile was made with it.
-pub fn model_hash(model: &Model) -> u32 {
-    let mut crc = Crc::new();
-    crc.update(&model.to_bytes());
-    crc.sum()
-}
-
 /// The message without line ends and terminal escape sequences, which a damaged file may contain.
 fn one_line(message: &str) -> String {
     message.chars().map(|symbol| if symbol.is_control() { ' ' } else { symbol }).take(200).collect()
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-    use facewire_face::stages::normalise;
-    use facewire_face::testing::face;
+    use crate::stages::normalise;
+    use crate::testing::face;
+
+    type ProfileFile = super::ProfileFile<String>;
 
     /// A profile of a face of few points, which was made at this time.
-    pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
+    fn file(made_at_unix_s: u64) -> ProfileFile {
         let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
         let neutral = Some(Neutral::from_points(&face.points).unwrap());
-        let mut profile = Profile::default();
-        profile.neutral = neutral;
-        profile.rest = [-0.2125; COEFFS];
-        profile.gain = [1.25; COEFFS];
-        let takes = vec![Take::Neutral, Take::EyesShut];
+        let profile = Profile { neutral, rest: [-0.2125; COEFFS], gain: [1.25; COEFFS] };
+        let takes = ["neutral", "eyes-shut"].map(str::to_owned).to_vec();
         let parsed = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
         // Rounded once, it stays the same.
         ProfileFile::parse(&parsed.text()).unwrap()
@@ -150,7 +149,7 @@ pub(super) mod tests {
         assert_eq!(ProfileFile::parse(&old), Ok(ProfileFile { model: None, ..file }));
         let mut greatest = self::file(u64::MAX >> 1);
         greatest.profile.neutral = Some(Neutral::from_points(&[[-2.9999; 3]; LANDMARKS]).unwrap());
-        greatest.takes = Take::ALL.to_vec();
+        greatest.takes = (0..11).map(|number| format!("take-of-a-pose-{number}")).collect();
         greatest.profile.rest = [-MAX_REST; COEFFS];
         assert!(greatest.text().len() <= 16 << 10, "{}", greatest.text().len());
     }

@@ -119,10 +119,13 @@ impl Known {
     }
 }
 
-/// The receiver of a link to VRChat, as it stands in the link's name.
+/// The receiver of a link to VRChat, as it stands in the link's name. The service knows the host of an open link, so that its name
+/// is known here soon, too.
 fn receiver_of(link: &Value) -> Option<&str> {
-    let of = |key| link.get(key).and_then(Value::as_str);
-    of("name").filter(|_| of("kind") == Some("vrchat"))?.strip_prefix("vrchat ")
+    let name = link.get("name").and_then(Value::as_str)?;
+    let is_open = link.get("open").and_then(Value::as_bool) == Some(true);
+    let is_to_vrchat = link.get("kind").and_then(Value::as_str) == Some("vrchat");
+    name.strip_prefix("vrchat ").filter(|_| is_open && is_to_vrchat)
 }
 
 fn receivers_in(status: &Value) -> Vec<String> {
@@ -136,7 +139,8 @@ async fn resolved(receivers: Vec<String>, this_machine: &[IpAddr]) -> HashMap<St
     for receiver in &receivers {
         let Ok(Ok(found)) = timeout(PATIENCE, lookup_host(receiver)).await else { continue };
         let mut found = found.map(|place| SocketAddr::new(here(place.ip(), this_machine), place.port()));
-        let is_one = |ip: Ipv4Addr| !ip.is_multicast() && !ip.is_broadcast();
+        // The network is not known; 255 at the end is mostly its broadcast.
+        let is_one = |ip: Ipv4Addr| !ip.is_multicast() && !matches!(ip.octets(), [.., 255]);
         if let Some(place) = found.find(|place| matches!(place.ip(), IpAddr::V4(ip) if is_one(ip))) {
             known.insert(receiver.clone(), place);
         }
@@ -159,7 +163,7 @@ async fn ask(this_machine: &[IpAddr]) -> io::Result<Vec<(Ipv4Addr, u16)>> {
     let question = question(id);
     let mut sent = Err(io::Error::from(io::ErrorKind::NetworkUnreachable));
     // Without another network, VRChat on this machine listens at its loopback.
-    for ip in this_machine.iter().chain([&Ipv4Addr::LOCALHOST.into()]) {
+    for ip in this_machine {
         let IpAddr::V4(ip) = ip else { continue };
         let is_chosen = SockRef::from(&socket).set_multicast_if_v4(ip).is_ok();
         if is_chosen && let Ok(bytes) = socket.send_to(&question, MDNS).await {
@@ -412,6 +416,7 @@ mod tests {
             ("[fd00::2]:9000", None),
             ("239.255.0.1:9000", None),
             ("255.255.255.255:9000", None),
+            ("10.0.0.255:9000", None),
             ("nonsense", None),
         ] {
             let known = resolved(vec![receiver.to_owned()], &this_machine).await;

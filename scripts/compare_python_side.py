@@ -64,7 +64,7 @@ def run_side(side, film, model):
     """Plays the pictures twice, the first time to warm up, and prints the figures as JSON."""
     import numpy
 
-    picture, milliseconds, number = numpy.zeros((480, 640, 3), numpy.uint8), [], 0
+    picture, milliseconds, cpu_s, number = numpy.zeros((480, 640, 3), numpy.uint8), [], 0, 0
     with open(film, "rb", buffering=0) as file:
         file.readinto(picture)
         before_mb = memory_mb()
@@ -77,14 +77,16 @@ def run_side(side, film, model):
             file.seek(0)
             while file.readinto(picture) == BYTES:
                 number += 1
-                begun = time.perf_counter()
+                begun, cpu_begun_s = time.perf_counter(), time.process_time()
                 is_found = find(picture, number)
                 if is_counted and is_found:
                     milliseconds.append(1000 * (time.perf_counter() - begun))
+                    cpu_s += time.process_time() - cpu_begun_s
     milliseconds.sort()
     print(json.dumps({
         "p50_ms": milliseconds[len(milliseconds) // 2],
         "p95_ms": milliseconds[len(milliseconds) * 95 // 100],
+        "cpu_ms": 1000 * cpu_s / len(milliseconds),
         "first_s": first_s,
         "memory_mb": memory_mb(),
         "before_mb": before_mb,
@@ -97,7 +99,9 @@ def save(side, film, model, path):
     import numpy
 
     mediapipe, picture, number = importlib.import_module(SIDES[side][0]), numpy.zeros((480, 640, 3), numpy.uint8), 0
-    mesh, landmarker = face_mesh(mediapipe, model), face_landmarker(mediapipe, model, has_matrices=True)
+    # MediaPipe has had no FaceMesh since 0.10.30.
+    mesh = face_mesh(mediapipe, model) if hasattr(mediapipe, "solutions") else None
+    landmarker = face_landmarker(mediapipe, model, has_matrices=True)
     saved = {"mesh": [], "landmarker": [], "coefficients": [], "matrices": []}
 
     def in_pixels(points):
@@ -107,7 +111,8 @@ def save(side, film, model, path):
         while file.readinto(picture) == BYTES:
             number += 1
             found = landmarker(picture, number)
-            saved["mesh"].append(in_pixels(mesh(picture, number)[0].landmark))
+            if mesh:
+                saved["mesh"].append(in_pixels(mesh(picture, number)[0].landmark))
             saved["landmarker"].append(in_pixels(found.face_landmarks[0]))
             saved["coefficients"].append([shape.score for shape in found.face_blendshapes[0]])
             saved["matrices"].append(found.facial_transformation_matrixes[0])

@@ -195,6 +195,11 @@ const SILENT = ["udp", "live-link", "vmc", "vrchat", "sacn", "artnet", "json", "
 // Returns how a link is, as words and their style, and what is wrong with it or what it waits for.
 export function stateOfLink(link) {
   const [receiver, trouble] = [receiverOf(link), troubleOf(link)];
+  const elsewhere = link.vrchat?.elsewhere.join(", ");
+  const ofVrchat = (words, waits) => ({ kind: "dim", words, waits });
+  if (link.open && link.vrchat?.answers) return { kind: "state-good", words: "answers" };
+  if (link.open && elsewhere)
+    return ofVrchat("VRChat answers elsewhere", `VRChat answers at ${elsewhere}; give this link that address`);
   const isUnheard = link.unheard && trouble?.startsWith("nobody listens ");
   const waits = isUnheard || (!link.open && trouble?.startsWith("waits for "));
   const why = waits ? { waits: trouble } : { trouble };
@@ -210,6 +215,8 @@ export function stateOfLink(link) {
   if (!link.open) return state("state-bad", isSilent ? "not sending" : "not connected");
   const ago = link.answered_s_ago;
   if (isSilent && ago < 10) return state("state-good", "answers");
+  if (link.vrchat && !trouble)
+    return ofVrchat("no answer", "is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS looks the same");
   if (isSilent) return state("dim", `sending to ${receiver}${ago === undefined ? "" : `, which answered ${since(ago)} ago`}`);
   return state("state-good", link.kind === "serial" ? "plugged in" : "connected");
 }

@@ -7,8 +7,16 @@ use nix::{ifaddrs::getifaddrs, net::if_::InterfaceFlags};
 /// The most addresses that are shown.
 const MOST: usize = 4;
 
-/// Returns the addresses under which other machines reach this one, IPv4 first.
+/// Returns the addresses under which other machines reach this one, IPv4 first, as many as are shown.
 pub fn of_this_machine() -> Vec<IpAddr> {
+    let mut found = all();
+    found.retain(is_reachable);
+    found.truncate(MOST);
+    found
+}
+
+/// Returns all addresses of this machine, IPv4 first.
+pub fn all() -> Vec<IpAddr> {
     let interfaces = getifaddrs().into_iter().flatten();
     let mut found: Vec<IpAddr> = interfaces
         .filter(|interface| interface.flags.contains(InterfaceFlags::IFF_UP))
@@ -17,11 +25,9 @@ pub fn of_this_machine() -> Vec<IpAddr> {
             let v4 = address.as_sockaddr_in().map(|address| IpAddr::V4(address.ip()));
             v4.or_else(|| address.as_sockaddr_in6().map(|address| IpAddr::V6(address.ip())))
         })
-        .filter(is_reachable)
         .collect();
     found.sort_by_key(IpAddr::is_ipv6);
     found.dedup();
-    found.truncate(MOST);
     found
 }
 

@@ -28,6 +28,7 @@ use crate::{
     snapshot::Sender,
     source::PacketCounter,
     status::{self, History, ROW_PERIOD_S},
+    vrchat::Vrchat,
     web::Token,
 };
 
@@ -87,6 +88,7 @@ pub struct Console {
     pub servos: Servos,
     pub recordings: Recordings,
     pub news: News,
+    vrchat: Vrchat,
     pub history: Mutex<History>,
     /// When the next picture may be requested. Holding the lock limits scaling to one picture at a time.
     pub picturing: AsyncMutex<tokio::time::Instant>,
@@ -119,6 +121,7 @@ impl Console {
             servos: Servos::default(),
             recordings: Recordings::new(&state, news.recording.clone()),
             news,
+            vrchat: Vrchat::default(),
             history: Mutex::default(),
             picturing: AsyncMutex::new(tokio::time::Instant::now()),
             calibrating: Mutex::default(),
@@ -218,6 +221,7 @@ impl Console {
             let text = service.get("metrics").and_then(Value::as_str).unwrap_or_default().to_owned();
             service.insert("metrics".to_owned(), status::samples(&text).into());
             metrics = Some(text);
+            self.vrchat.add_to(service);
         }
         (status, metrics)
     }
@@ -233,6 +237,11 @@ impl Console {
         let faults = settings::faults(&self.program, text).await?;
         *judged = Some((text.to_owned(), faults.clone()));
         Ok(faults)
+    }
+
+    /// Looks for VRChat while a page is open and a link sends to it.
+    pub async fn watch_vrchat(&self) {
+        self.vrchat.watch(self.pages.subscribe(), self.news.status.subscribe()).await;
     }
 
     /// Passes the packets of the service on while a page is open.

@@ -24,6 +24,7 @@ mod settings;
 mod snapshot;
 mod source;
 mod status;
+mod vrchat;
 mod web;
 
 use std::{
@@ -126,9 +127,10 @@ fn run(args: &Args) -> Result<(), Failure> {
                 let urls = addresses::urls(address, &path);
                 announce(&urls, is_terminal, &format!("Operating the service of {}. Ctrl-C ends.", config.display()))?;
                 let console = Arc::new(console);
-                let (status, face) = (Arc::clone(&console), Arc::clone(&console));
+                let [status, face, vrchat] = [(); 3].map(|()| Arc::clone(&console));
                 tokio::spawn(async move { status.watch_status().await });
                 tokio::spawn(async move { face.watch_face(PacketCounter::new(publish)).await });
+                tokio::spawn(async move { vrchat.watch_vrchat().await });
                 Site::of_service(console, snapshots)
             }
         };

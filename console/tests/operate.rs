@@ -1103,6 +1103,9 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
         link[key] = value;
         link
     };
+    let vrchat = |answers: bool, elsewhere: &[&str]| {
+        more(link("vrchat", "10.0.0.2:9000", true, None), "vrchat", json!({"answers": answers, "elsewhere": elsewhere}))
+    };
     let nobody = "pc:11111: nobody listens on port 11111 of pc; start the receiver there";
     let waits = "auto: waits for a microcontroller board; none of a known maker is plugged in";
     let fault =
@@ -1115,6 +1118,9 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
         more(link("live-link", "pc:11111", true, Some(nobody)), "unheard", json!(true)),
         more(link("vmc", "pc:39540", true, None), "answered_s_ago", json!(3)),
         more(link("json", "pc:5000", true, None), "answered_s_ago", json!(130)),
+        vrchat(true, &[]),
+        vrchat(false, &["10.0.0.3:9000", "10.0.0.2:9010"]),
+        vrchat(false, &[]),
     ];
     browser.wait_for_text("Bus servos /dev/ttyUSB0");
     let articles = "[...document.querySelectorAll('#page-links article')].map(({ innerText }) => innerText.split('\\n').filter((line) => line && !/^(rate|sent|dropped) /.test(line)).join('|'))";
@@ -1129,10 +1135,13 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
             "Unreal (Live Link) pc:11111 nobody listens|Nobody listens on port 11111 of pc; start the receiver there.",
             "VMC pc:39540 answers",
             "Lines of JSON sending to pc:5000, which answered 2 min ago",
+            "VRChat 10.0.0.2:9000 answers",
+            "VRChat 10.0.0.2:9000 VRChat answers elsewhere|VRChat answers at 10.0.0.3:9000, 10.0.0.2:9010; give this link that address.",
+            "VRChat 10.0.0.2:9000 no answer|Is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS looks the same.",
         ])
     );
     let red = "[...document.querySelectorAll('#page-links article')].map((it) => it.querySelector('.state-bad, .trouble') !== null)";
-    assert_eq!(browser.value(red), json!([false, false, true, false, true, false, false, false]));
+    assert_eq!(browser.value(red), json!([false, false, true, false, true, false, false, false, false, false, false]));
     browser.screenshot("links on a phone");
     browser.turn_to("health");
     browser.wait_until("document.querySelector('#banners')?.innerText.includes('head.local')");

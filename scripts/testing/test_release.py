@@ -50,8 +50,9 @@ STAND_INS = {
         for word in "$@"; do
             [[ $word != facewire-* ]] || echo "$word" >"target/package/$word-1.2.3.crate"
         done""",
-    "bin/rustc": "echo rustc 9.9.9",
+    "bin/rustc": "echo rustc 1.92.0 '(ded5c06cf 2025-12-08)'",
     "bin/dpkg": "echo amd64",
+    "bin/getconf": "echo glibc 2.36",
 }
 NAMES = ("facewire", "facewire-bridge", "libfacewire0", "libfacewire-dev")
 DEBIAN = [f"{name}_1.2.3-1_{of}.deb" for name in NAMES for of in ("amd64", "arm64", "armhf")]
@@ -74,7 +75,7 @@ class Release(unittest.TestCase):
             shutil.copy(ROOT / path, self.root / path)
         for path, commands in STAND_INS.items():
             self.stand_in(path, commands)
-        self.write("Cargo.toml", '[workspace.package]\nversion = "1.2.3"\n')
+        self.write("Cargo.toml", '[workspace.package]\nversion = "1.2.3"\nrust-version = "1.92"\n')
         self.write("CHANGELOG.md", CHANGELOG)
         self.write("lock", "")
         self.write(".gitignore", "/target\n")
@@ -222,10 +223,19 @@ class Release(unittest.TestCase):
         self.stand_in("bin/dpkg", "echo arm64")
         self.assert_refused("this works on amd64 PCs with Debian or a relative of it\n")
         (self.programs / "dpkg").unlink()
-        for tool in ("awk", "bash", "dirname", "env", "git", "gzip", "python3", "realpath", "sed", "sha256sum"):
+        for tool in ("awk", "bash", "dirname", "env", "git", "gzip", "python3", "realpath", "sed", "sha256sum", "sort"):
             (self.programs / tool).symlink_to(shutil.which(tool))
         run = self.release(PATH=str(self.programs))
         self.assertEqual((run.returncode, run.stderr), (1, "release: dpkg is missing: install it, and try again\n"))
+
+    def test_a_newer_c_library_and_an_older_rust_are_found_before_anything_is_built(self):
+        self.stand_in("bin/rustc", "echo rustc 1.91.1")
+        self.assert_refused("this needs Rust 1.92 or later, and this is 1.91.1: rustup update\n")
+        self.stand_in("bin/rustc", "echo rustc 1.100.0")
+        for version, is_refused in (("2.31", False), ("2.37", True), ("2.100", True)):
+            self.stand_in("bin/getconf", f"echo glibc {version}")
+            run = self.release("--check")
+            self.assertEqual(f"this PC has the C library glibc {version}, and what is made" in run.stderr, is_refused, run)
 
     def test_a_build_that_fails_leaves_nothing_half_made(self):
         self.stand_in("scripts/wheel", "fail 'no wheel'")

@@ -1,9 +1,8 @@
 //! A network interface for one test, in a network namespace of the kernel that has no other network.
 
 use std::env;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
-use super::program::Run;
 use super::skip;
 
 const INSIDE: &str = "FACEWIRE_TEST_NETWORK";
@@ -24,13 +23,13 @@ impl Interface {
         if env::var_os(INSIDE).is_some() {
             return Some(Self);
         }
-        if Run::of(&mut isolated(&["true"])).status != Some(0) {
+        if !isolated(&["true"]).output().unwrap().status.success() {
             skip("this machine allows no network of its own to a test (unshare --user --net, ip link add type veth)");
             return None;
         }
         let program = env::current_exe().unwrap();
         let mut this = isolated(&[program.to_str().unwrap(), "--exact", test, "--nocapture"]);
-        Run::of(this.env(INSIDE, "1")).succeeded();
+        succeed(this.env(INSIDE, "1"));
         None
     }
 
@@ -47,7 +46,14 @@ impl Interface {
 }
 
 fn ip(words: &str) {
-    Run::of(Command::new("ip").args(words.split(' '))).succeeded();
+    succeed(Command::new("ip").args(words.split(' ')));
+}
+
+/// Runs a command to its end, and fails the test with what it has said unless it succeeds.
+fn succeed(command: &mut Command) {
+    let output = command.stdin(Stdio::null()).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
 }
 
 /// Returns a command that runs these words in a new namespace that has been prepared.

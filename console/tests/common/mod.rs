@@ -6,6 +6,8 @@ pub mod board;
 pub mod browser;
 #[path = "../../../tests/common/eventually.rs"]
 mod eventually;
+#[path = "../../../tests/common/interface.rs"]
+pub mod interface;
 #[path = "../../../tests/common/maestro.rs"]
 pub mod maestro;
 #[path = "../../../tests/common/python.rs"]

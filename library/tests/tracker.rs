@@ -158,6 +158,8 @@ fn a_text_of_settings_gives_the_shaping_of_the_service_or_is_refused_as_by_the_s
     ] {
         assert!(matches!(parse_shaping(wrong), Err(Error::Settings(_))), "{wrong}");
     }
+    let error = parse_shaping("[smoothing]\njwa_ms = 100").unwrap_err().to_string();
+    assert_eq!(error, "settings:2: smoothing.jwa_ms is not a setting; did you mean jaw_ms?");
 }
 
 #[test]
@@ -534,6 +536,10 @@ fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
     assert!(error(both).contains("horizontal_fov_deg"));
     assert!(error(Options::default().networks("/nonexistent")).contains("/nonexistent"));
     assert!(error(Options::default().model("/nonexistent.toml")).contains("/nonexistent.toml"));
+    let filtered = parse_shaping("smoothing.jaw_ms = 100").unwrap();
+    for options in [Options::for_stills(), Options::for_stills().smoothing(true), Options::default().smoothing(false)] {
+        assert!(error(options.shaping(filtered.clone())).contains("[smoothing]"));
+    }
 }
 
 #[test]

@@ -4,11 +4,11 @@
     cargo build --release -p facewire-fit    # again after a change of the model
     fit/figures.py FOLDER
 
-FOLDER keeps what is rendered and judged. What was rendered into it stays: after a change of the renderer or of the networks, take
-another folder. Needs the rig and the recordings of README.md, and ../shared/dataset. FACEWIRE_FIT is the program, if it is not
-target/release/facewire-fit.
+FOLDER holds the rendered videos and the results. Existing videos are used again: after a change of the renderer or of the
+networks, use another folder. Needs the rig and the recordings of README.md, and ../shared/dataset. FACEWIRE_FIT is the program,
+if it is not target/release/facewire-fit.
 
-  --keep   takes what was judged before from FOLDER, too, and only writes the tables
+  --keep   also uses the existing results in FOLDER, and only writes the tables
   --into F writes into the folder F with a README.md and a FIGURES.md, instead of into fit/
 """
 

@@ -1,4 +1,5 @@
-"""Follows the face in a raw film of 640 x 480 pixels, and compares each coefficient with that of c/examples/film.c, to the last bit.
+"""Follows the face in a raw video of 640 x 480 pixels, and compares each coefficient with that of c/examples/film.c, to the
+last bit.
 
 follow.py FILM.i422 VALUES.f32 [OTHER.f32]
 

@@ -62,7 +62,7 @@ def of_landmarkers(theirs, ours):
     angles = numpy.degrees(numpy.arccos(((turns - 1) / 2).clip(-1, 1)))
     shapes = [theirs["coefficients"], ours["coefficients"]]
     distances = numpy.abs(shapes[0] - shapes[1])
-    # A coefficient that hardly moves in this film has no correlation that says anything.
+    # The correlation of a coefficient that hardly moves in this video means nothing.
     moving = [place for place in range(52) if min(of[:, place].std() for of in shapes) > 0.02]
     return {
         "frames": len(ours["landmarker"]),

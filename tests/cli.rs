@@ -95,7 +95,7 @@ fn check_says_what_makes_tracking_poor_and_what_to_do_and_succeeds() {
         };
         let mut out = with_settings(&["check"], &toml).succeeded().out;
         let begun = Instant::now();
-        // Of the frames that a busy machine has time for, too few may be lost or damaged.
+        // A busy machine may handle so few frames that too few of them are lost or damaged.
         while poor(&out).len() < sentences.len() && begun.elapsed() < PATIENCE {
             out = with_settings(&["check"], &toml).succeeded().out;
         }

@@ -336,7 +336,7 @@ fn a_rest_is_done_or_names_the_board_whatever_else_goes_on() {
         let released = format!("{}: released", text(&good.device));
         let mut run = Run::of(&mut head.command("rest"));
         let begun = Instant::now();
-        // A busy machine may keep a simulated board from answering in the time that a board has.
+        // On a busy machine, a simulated board may not answer in time.
         while !(run.out.contains(&released) && run.status == Some(status)) && begun.elapsed() < PATIENCE {
             run = Run::of(&mut head.command("rest"));
         }

@@ -212,7 +212,7 @@ static void begin(void *data, enum godot_level level)
     name(&no_name, "");
     name(&size, "size");
     godot.new_string(&no_text, "");
-    /* The number stands for the types of the method. */
+    /* The number is Godot's hash of the method's signature. */
     godot.size_of_bytes = godot.builtin_method(GODOT_BYTES, &size, 3173160232);
     godot.destructor(GODOT_NAME)(&size);
     struct godot_class class = {0};

@@ -1,4 +1,5 @@
-/* Prints the strongest blendshape of each picture of a raw film (4:2:2 planes, full range), and writes all values of its faces:
+/* Prints the strongest blendshape of each picture of a raw video (4:2:2 planes, full range), and writes all values of its
+ * faces:
  *
  *     c/install ~/facewire
  *     export PKG_CONFIG_PATH=~/facewire/lib/pkgconfig

@@ -219,8 +219,8 @@ fn an_installed_library_is_found_by_pkg_config_and_linked_by_the_name_of_its_int
 /// Pictures of the built-in clip in which the mouth opens twice: the first of them and how many.
 const SPEECH: [usize; 2] = [86, 16];
 
-/// Checks what a host prints of jawOpen: one line for each picture in each of these formats, with nearly the value that the crate
-/// finds in the film, whose pictures the host has converted.
+/// Checks the values of jawOpen that a host prints: one line for each picture in each of these formats, each close to the value
+/// that the crate finds in the same video before the host converts it.
 fn check_speech(printed: &str, formats: &[&str], film: &[u8]) {
     let mut tracker = FaceTracker::new().unwrap();
     let expected: Vec<f32> = (0..)
@@ -369,8 +369,8 @@ fn the_interface_is_the_one_that_is_listed() {
     let differences = differences(&listed, &found).join("\n");
     assert!(
         differences.is_empty(),
-        "{differences}\nIf that is intended, run this test once with FACEWIRE_UPDATE=1 set; what is gone needs another number in \
-         c/build.rs, but for options at the end"
+        "{differences}\nIf that is intended, run this test once with FACEWIRE_UPDATE=1 set. If anything was removed or moved, \
+         also increase the number in c/build.rs; options added at the end do not need that."
     );
 }
 
@@ -444,8 +444,8 @@ fn the_compiled_library_has_the_interface_that_abidw_has_described() {
     let report = abidiff(&listed, &found);
     assert!(
         report.is_empty(),
-        "{report}\nIf that is intended, run this test once with FACEWIRE_UPDATE=1 set; what is gone or moved needs another number in \
-         c/build.rs, but for options at the end"
+        "{report}\nIf that is intended, run this test once with FACEWIRE_UPDATE=1 set. If anything was removed or moved, \
+         also increase the number in c/build.rs; options added at the end do not need that."
     );
     let text = fs::read_to_string(&found).unwrap();
     let changes = [

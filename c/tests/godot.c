@@ -1,5 +1,6 @@
-/* Stands in for Godot: loads an extension, makes an object of its class, and calls its methods with the pictures of a raw film of
- * 640 x 480 pixels (4:2:2 planes, full range), by turns as a script with types and as one without. Prints jawOpen of each picture.
+/* Stands in for Godot: loads an extension, makes an object of its class, and calls its methods with the pictures of a raw video
+ * of 640 x 480 pixels (4:2:2 planes, full range), by turns as a script with types and as one without. Prints jawOpen of each
+ * picture.
  *
  *     godot EXTENSION FILM.i422
  */

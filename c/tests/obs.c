@@ -1,6 +1,6 @@
-/* Stands in for OBS Studio: loads a plugin, and gives its filter the pictures of a raw film of 640 x 480 pixels (4:2:2 planes, full
- * range), as NV12 and as I420 in planes whose rows have padding. Prints what the procedure of the filter says of jawOpen. What
- * procedures and their values need is libobs's own.
+/* Stands in for OBS Studio: loads a plugin, and gives its filter the pictures of a raw video of 640 x 480 pixels (4:2:2 planes,
+ * full range), as NV12 and as I420 in planes whose rows have padding. Prints what the procedure of the filter says of jawOpen.
+ * What procedures and their values need is libobs's own.
  *
  *     obs PLUGIN FILM.i422
  */
@@ -33,7 +33,7 @@ static void *function(void *plugin, const char *name)
     return found;
 }
 
-/* Writes a picture of the film into planes of this format. */
+/* Writes a picture of the video into planes of this format. */
 static void fill(struct obs_source_frame *frame, enum video_format format, const uint8_t *film)
 {
     static uint8_t planes[3][STRIDE * HEIGHT];

@@ -55,7 +55,7 @@ export const NAMES = {
   "wearer.neutral": "Neutral face",
   "wearer.wears": "On the face",
   "wearer.follow": "Followed among several",
-  "eye_distance_mm": "Distance of the pupils",
+  "eye_distance_mm": "Distance between the pupils",
   "plausibility.lids": "Lids close alike",
   "plausibility.gaze": "Gaze stays in a blink",
   "opposed": "No opposite movements",
@@ -199,7 +199,7 @@ export function stateOfLink(link) {
   const ofVrchat = (words, waits) => ({ kind: "dim", words, waits });
   if (link.open && link.vrchat?.answers) return { kind: "state-good", words: "answers" };
   if (link.open && elsewhere)
-    return ofVrchat("VRChat answers elsewhere", `VRChat answers at ${elsewhere}; give this link that address`);
+    return ofVrchat("VRChat answers elsewhere", `VRChat answers at ${elsewhere}; set this link's address to match`);
   const isUnheard = link.unheard && trouble?.startsWith("nobody listens ");
   const waits = isUnheard || (!link.open && trouble?.startsWith("waits for "));
   const why = waits ? { waits: trouble } : { trouble };
@@ -216,7 +216,10 @@ export function stateOfLink(link) {
   const ago = link.answered_s_ago;
   if (isSilent && ago < 10) return state("state-good", "answers");
   if (link.vrchat && !trouble)
-    return ofVrchat("no answer", "is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS looks the same");
+    return ofVrchat(
+      "no answer",
+      "is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS can also be the cause",
+    );
   if (isSilent) return state("dim", `sending to ${receiver}${ago === undefined ? "" : `, which answered ${since(ago)} ago`}`);
   return state("state-good", link.kind === "serial" ? "plugged in" : "connected");
 }

@@ -1,8 +1,8 @@
-//! Where VRChat answers. While OSC is switched on in it, it answers by mDNS who asks the network for receivers of OSC.
+//! Where VRChat receives OSC. While OSC is switched on in VRChat, it answers mDNS questions for receivers of OSC.
 //!
-//! It is asked for `_osc._udp.local`, the socket that links send to, and not for OSCQuery (`_oscjson._tcp.local`): VRChat on
-//! Windows serves that to its own machine alone. For the same reason, the address in its answers may be 127.0.0.1 on any
-//! machine, and the one that an answer comes from is taken instead.
+//! The question is for `_osc._udp.local`, the socket that links send to, and not for OSCQuery (`_oscjson._tcp.local`), which
+//! VRChat on Windows serves only to its own machine. For the same reason, the address in an answer may be 127.0.0.1 on any
+//! machine, so the address that the answer came from is used instead.
 
 use std::{
     collections::HashMap,
@@ -24,13 +24,13 @@ use crate::addresses;
 
 const MDNS: (Ipv4Addr, u16) = (Ipv4Addr::new(224, 0, 0, 251), 5353);
 const SERVICE: &str = "_osc._udp.local";
-/// The names of VRChat begin so, and end with six letters.
+/// The names of VRChat begin like this, and end with six letters or digits.
 const INSTANCE: &str = "vrchat-client";
-/// How long answers to a question are waited for.
+/// How long to wait for answers to a question.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Time until the next question.
 const PAUSE: Duration = Duration::from_secs(2);
-/// How many questions without an answer show that there is none. Wi-Fi loses some.
+/// How many unanswered questions show that VRChat does not answer. Wi-Fi loses some.
 const QUESTIONS_TO_KNOW: u32 = 3;
 /// How long an answer counts: three questions.
 const LONGEST_SILENCE: Duration = Duration::from_secs(10);
@@ -49,7 +49,7 @@ pub struct Vrchat(Mutex<Known>);
 
 #[derive(Debug, Default)]
 struct Known {
-    /// Questions that were sent, since a page is open.
+    /// Questions sent since a page was opened.
     questions: u32,
     /// The machines on which VRChat has answered with the port of its OSC, and when. This machine is 127.0.0.1.
     heard: HashMap<Ipv4Addr, (u16, Instant)>,
@@ -185,7 +185,7 @@ async fn ask(this_machine: &[IpAddr]) -> io::Result<Vec<(Ipv4Addr, u16)>> {
     Ok(answers)
 }
 
-/// Returns the question who receives OSC, as RFC 6762 has it. Its answers repeat the number.
+/// Returns the question for receivers of OSC in the format of RFC 6762. Answers repeat its number.
 fn question(id: u16) -> Vec<u8> {
     let mut bytes = id.to_be_bytes().to_vec();
     // A plain question, one in all, no records.

@@ -1136,8 +1136,8 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
             "VMC pc:39540 answers",
             "Lines of JSON sending to pc:5000, which answered 2 min ago",
             "VRChat 10.0.0.2:9000 answers",
-            "VRChat 10.0.0.2:9000 VRChat answers elsewhere|VRChat answers at 10.0.0.3:9000, 10.0.0.2:9010; give this link that address.",
-            "VRChat 10.0.0.2:9000 no answer|Is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS looks the same.",
+            "VRChat 10.0.0.2:9000 VRChat answers elsewhere|VRChat answers at 10.0.0.3:9000, 10.0.0.2:9010; set this link's address to match.",
+            "VRChat 10.0.0.2:9000 no answer|Is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS can also be the cause.",
         ])
     );
     let red = "[...document.querySelectorAll('#page-links article')].map((it) => it.querySelector('.state-bad, .trouble') !== null)";

@@ -36,8 +36,8 @@
 //! - Coefficients are those that the service facewire would send, to the last bit, if the settings are the same.
 //!
 //! The crate follows semantic versioning. `scripts/test` compares its public interface with `library/public-api.txt`, so that
-//! it does not change unseen, and fails if something of the last release is gone without an incompatible version. Names from
-//! `facewire-face` that are not exported here are no part of it.
+//! it does not change unnoticed. It fails if anything of the last release has been removed and the version is still compatible
+//! with that release. Names from `facewire-face` that are not exported here are no part of the interface.
 
 mod error;
 mod format;

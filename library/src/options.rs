@@ -157,7 +157,10 @@ impl Options {
         self.lens.check()?;
         if !self.smoothing {
             let has_none = [Filters::OFF, default_shaping().filters].contains(&self.shaping.filters);
-            need(has_none, "settings set [smoothing], but stills, or no smoothing, switch all filters off")?;
+            need(
+                has_none,
+                "the settings configure filters in [smoothing], but all filters are off for stills and without smoothing",
+            )?;
             self.shaping.filters = Filters::OFF;
         }
         let model = match &self.model {

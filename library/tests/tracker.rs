@@ -163,7 +163,7 @@ fn a_text_of_settings_gives_the_shaping_of_the_service_or_is_refused_as_by_the_s
 }
 
 #[test]
-fn a_focal_length_counts_in_pictures_of_any_rotation_and_positions_are_in_proportion_to_the_distance_of_the_pupils() {
+fn a_focal_length_counts_in_pictures_of_any_rotation_and_positions_are_in_proportion_to_eye_distance() {
     let focal_px = 320.0 / 30.0_f32.to_radians().tan();
     play(1, |picture, _| {
         let upright = grey(picture);

@@ -13,8 +13,8 @@ pub const SILENCE_MS: u32 = 500;
 const RESTART_GAP: u16 = 1024;
 const MAGIC: [u8; 2] = *b"FW";
 /// What stands in the flags in place of the neutral face while a part of the face is covered, which is to say that less than
-/// half of it is in view. The lowest 4 bits of the first coefficients are then [`Carried`]. Receivers that do not know this read the mean, and coefficients that are
-/// wrong by less than 1/4000.
+/// half of it is in view. The lowest 4 bits of the first coefficients are then [`Carried`]. Receivers that do not support this
+/// assume the mean of many people, and read coefficients that are wrong by less than 1/4000.
 const COVERED: u8 = 3;
 /// Computed bit by bit: this takes 1 microsecond per packet, and a table would take 512 bytes of a microcontroller.
 const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);

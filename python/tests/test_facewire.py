@@ -380,7 +380,7 @@ class Results(unittest.TestCase):
             faces = [tracker.process(bgr(number), time_s(number)) for tracker in (unsmoothed, by_settings)]
             self.assertEqual(*faces)
 
-    def test_the_position_follows_from_the_focal_length_and_the_distance_of_the_pupils(self):
+    def test_the_position_follows_from_the_focal_length_and_the_distance_between_the_pupils(self):
         def depth_mm(**options):
             return facewire.FaceTracker(**options).process(PICTURE, 0.0).position_mm[2]
 

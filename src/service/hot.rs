@@ -561,7 +561,7 @@ mod tests {
     }
 
     #[test]
-    fn another_distance_of_the_pupils_leads_the_head_to_a_position_in_proportion_without_a_step() {
+    fn a_change_of_eye_distance_moves_the_head_in_proportion_and_without_a_jump() {
         let tracker = load_tracker(&NetworkSettings::default()).unwrap();
         let (mut hot, _told, _counters) = hot(Settings::default(), tracker);
         let (changes, taken) = mpsc::channel();

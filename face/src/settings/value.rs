@@ -48,12 +48,12 @@ pub struct Value<F> {
 }
 
 impl<F> Value<F> {
-    /// Without an objection.
+    /// Creates a reader that has no objection.
     pub fn new(takes: Takes, read: F) -> Self {
         Self { takes, read, objection: |_| None }
     }
 
-    /// With what may say that there is something better to give than what the setting takes.
+    /// Adds an objection, which may suggest a better value than the general list of what the setting takes.
     pub fn but(self, objection: Objection) -> Self {
         Self { objection, ..self }
     }

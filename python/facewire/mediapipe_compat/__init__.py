@@ -4,8 +4,8 @@ Given are `mp.solutions.face_mesh.FaceMesh` and `mp.tasks.vision.FaceLandmarker`
 lists of edges, and the drawing utilities (which need OpenCV). Options that choose a model file or a confidence are accepted and
 have no effect. `detect_async` calls back before it returns.
 
-Where MediaPipe is not installed, `import mediapipe` and imports of its modules mean this package from then on, so that one changed
-import is enough for a program of many files. Where it is, `install()` makes them mean this package.
+If MediaPipe is not installed, `import mediapipe` and imports of its modules then load this package, so that one changed import
+is enough for a program of many files. If it is installed, call `install()` to get the same effect.
 """
 
 from __future__ import annotations

@@ -48,10 +48,10 @@ def run(folder):
     for name, make, judge in commands():
         made = folder / f"{name}.made"
         if make and not made.exists():
-            subprocess.run([program, *make.format(folder).split()], check=True, cwd=ROOT)
+            subprocess.run([program, *(word.format(folder) for word in make.split())], check=True, cwd=ROOT)
             made.touch()
         out = folder / f"{name}.json"
-        subprocess.run([program, *judge.format(folder).split(), "--json", out], check=True, cwd=ROOT)
+        subprocess.run([program, *(word.format(folder) for word in judge.split()), "--json", out], check=True, cwd=ROOT)
 
 
 def neutral_states(set_of_faces):

@@ -215,6 +215,8 @@ static void begin(void *data, enum godot_level level)
     /* The number is Godot's hash of the method's signature. */
     godot.size_of_bytes = godot.builtin_method(GODOT_BYTES, &size, 3173160232);
     godot.destructor(GODOT_NAME)(&size);
+    if (!godot.size_of_bytes)
+        return; /* another Godot, whose method differs: the class is not there */
     struct godot_class class = {0};
     class.is_exposed = 1, class.create = create, class.destroy = destroy;
     godot.register_class(library, &class_name, &parent_name, &class);

@@ -15,6 +15,7 @@ mod infer;
 pub mod model;
 mod picture;
 mod profile_file;
+#[doc(hidden)]
 pub mod settings;
 mod solve;
 #[cfg(any(test, feature = "testing"))]

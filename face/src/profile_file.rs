@@ -26,14 +26,13 @@ pub struct ProfileFile<T> {
     pub made_at_unix_s: u64,
 }
 
+/// A later version may add keys, and another program may leave out those that are there for people.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "fields that are there for people, and the format, which is read before")]
 struct Table<T> {
-    format: u32,
-    made_by: String,
+    #[serde(default)]
     made_at_unix_s: u64,
     model: Option<String>,
+    #[serde(default = "Vec::new")]
     takes: Vec<T>,
     neutral: Vec<[i32; 3]>,
     blendshapes: BTreeMap<String, Terms>,
@@ -152,6 +151,18 @@ mod tests {
         greatest.takes = (0..11).map(|number| format!("take-of-a-pose-{number}")).collect();
         greatest.profile.rest = [-MAX_REST; COEFFS];
         assert!(greatest.text().len() <= 16 << 10, "{}", greatest.text().len());
+    }
+
+    #[test]
+    fn keys_of_later_versions_are_left_out_and_those_for_people_may_be_missing() {
+        let file = file(7);
+        let later = format!("light = \"window\"\n{}", file.text());
+        assert_eq!(ProfileFile::parse(&later), Ok(file.clone()));
+        let (head, rest) = later.split_once("takes = ").unwrap();
+        assert!(head.contains("made_by") && head.contains("made_at_unix_s"));
+        let (_, points) = rest.split_once('\n').unwrap();
+        let bare = ProfileFile { model: None, takes: Vec::new(), made_at_unix_s: 0, ..file };
+        assert_eq!(ProfileFile::parse(&format!("format = 1\n{points}")), Ok(bare));
     }
 
     #[test]

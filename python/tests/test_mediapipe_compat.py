@@ -195,6 +195,18 @@ assert mediapipe is ours and vision is ours.tasks.vision
             path = os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])
             subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "PYTHONPATH": path})
 
+    def test_a_mediapipe_that_is_found_after_the_import_is_taken(self):
+        program = """
+import sys
+import facewire.mediapipe_compat
+sys.path.append(sys.argv[1])
+import mediapipe
+assert mediapipe.of_google
+"""
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / "mediapipe.py").write_text("of_google = True")
+            subprocess.run([sys.executable, "-c", program, folder], check=True)
+
     def test_a_printed_result_shows_its_points(self):
         with mp.tasks.vision.FaceLandmarker.create_from_options(self.options()) as landmarker:
             found = landmarker.detect(mp.Image(mp.ImageFormat.SRGB, PICTURE[:, :, ::-1]))

@@ -7,6 +7,8 @@ use toml::de::{DeTable, DeValue};
 
 use super::takes::Takes;
 
+/// The most faults of a file that are named. Text that is no file of settings could have one in every line.
+const MOST_FAULTS: usize = 100;
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -140,6 +142,7 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, reader: impl Reader<T
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
 /// What follows as `.. field: Type;` has no key: it follows from other settings once all are read.
 /// Makes the struct of each table, its defaults, the reader of its keys, and the comparison of two.
+#[doc(hidden)]
 #[macro_export]
 macro_rules! section {
     ($(
@@ -194,7 +197,7 @@ impl<'a> Overlay<'a> {
     pub fn parse(source: &'a str, text: &'a str) -> (Self, DeTable<'a>) {
         let mut file = Self { source, text, found: Vec::new() };
         let (document, errors) = DeTable::parse_recoverable(text);
-        for error in &errors {
+        for error in errors.iter().take(MOST_FAULTS) {
             let start = error.span().map_or(0, |span| span.start);
             file.fault(start, String::new(), false, &format!("not valid TOML: {}", error.message()));
         }
@@ -204,8 +207,16 @@ impl<'a> Overlay<'a> {
     /// Lays the document over a section, which must not be used if there are faults. Adds them in the order of the lines.
     pub fn lay(mut self, document: &DeTable<'_>, section: &mut dyn Section, faults: &mut Faults) {
         self.entries(section, "", document);
+        let is_full = self.is_full();
         self.found.sort_by_key(|(start, _)| *start);
         faults.0.extend(self.found.into_iter().map(|(_, fault)| fault));
+        if is_full {
+            faults.push(format!("{}: there may be more faults: correct these first", self.source));
+        }
+    }
+
+    fn is_full(&self) -> bool {
+        self.found.len() >= MOST_FAULTS
     }
 
     /// Lays the table that is the value of an entry over a section.
@@ -218,6 +229,9 @@ impl<'a> Overlay<'a> {
 
     fn entries(&mut self, section: &mut dyn Section, path: &str, table: &DeTable<'_>) {
         for (name, value) in table {
+            if self.is_full() {
+                return;
+            }
             let key = name.get_ref().as_ref();
             let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
             if let Some(field) = section.fields().into_iter().find(|field| field.key == key) {
@@ -274,4 +288,30 @@ fn suggestion(key: &str, known: &[&str]) -> String {
     let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
     let nearest = nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY);
     nearest.map(|name| format!("; did you mean {name}?")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::ShapingSettings;
+
+    fn faults(text: &str) -> Faults {
+        let mut faults = Faults::default();
+        let (file, document) = Overlay::parse("file", text);
+        file.lay(&document, &mut ShapingSettings::default(), &mut faults);
+        faults
+    }
+
+    /// A file with many faults takes as long as one with [`MOST_FAULTS`].
+    #[test]
+    fn of_many_faults_the_first_are_named_and_that_there_may_be_more() {
+        let keys: String = (0..5000).map(|key| format!("key{key} = 1\n")).collect();
+        for text in ["x\n".repeat(5000), keys.clone(), format!("[adjust]\n{keys}")] {
+            let faults = faults(&text);
+            let sentences: Vec<&str> = faults.iter().collect();
+            assert_eq!(sentences.len(), MOST_FAULTS + 1);
+            assert_eq!(sentences.last(), Some(&"file: there may be more faults: correct these first"));
+        }
+        assert_eq!(faults("x = 1\ny = 2\n").iter().count(), 2);
+    }
 }

@@ -5,12 +5,14 @@ lists of edges, and the drawing utilities (which need OpenCV). Options that choo
 have no effect. `detect_async` calls back before it returns.
 
 If MediaPipe is not installed, `import mediapipe` and imports of its modules then load this package, so that one changed import
-is enough for a program of many files. If it is installed, call `install()` to get the same effect.
+is enough for a program of many files; so do those of libraries for which MediaPipe is optional. If it is installed, call
+`install()` to get the same effect.
 """
 
 from __future__ import annotations
 
-import importlib.util
+import importlib.abc
+import importlib.machinery
 import sys
 import types
 
@@ -110,5 +112,17 @@ def install() -> None:
             sys.modules["mediapipe" + name[len(__name__):]] = module
 
 
-if "mediapipe" not in sys.modules and importlib.util.find_spec("mediapipe") is None:
-    install()
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Finds this package under the name of MediaPipe if nothing else is found."""
+
+    def find_spec(self, name, path=None, target=None):
+        return importlib.machinery.ModuleSpec(name, self) if name == "mediapipe" else None
+
+    def create_module(self, spec):
+        return None
+
+    def exec_module(self, module):
+        install()
+
+
+sys.meta_path.append(_Finder())

@@ -197,8 +197,10 @@ export function stateOfLink(link) {
   const [receiver, trouble] = [receiverOf(link), troubleOf(link)];
   const elsewhere = link.vrchat?.elsewhere.join(", ");
   const ofVrchat = (words, waits) => ({ kind: "dim", words, waits });
-  if (link.open && link.vrchat?.answers) return { kind: "state-good", words: "answers" };
-  if (link.open && elsewhere)
+  const ago = link.answered_s_ago;
+  const isFine = link.open && !trouble;
+  if (isFine && link.vrchat?.answers) return { kind: "state-good", words: "answers" };
+  if (isFine && elsewhere && !(ago < 10))
     return ofVrchat("VRChat answers elsewhere", `VRChat answers at ${elsewhere}; set this link's address to match`);
   const isUnheard = link.unheard && trouble?.startsWith("nobody listens ");
   const waits = isUnheard || (!link.open && trouble?.startsWith("waits for "));
@@ -213,7 +215,6 @@ export function stateOfLink(link) {
   const isSilent = SILENT.includes(link.kind);
   if (!link.open && !trouble) return state("dim", "not connected yet");
   if (!link.open) return state("state-bad", isSilent ? "not sending" : "not connected");
-  const ago = link.answered_s_ago;
   if (isSilent && ago < 10) return state("state-good", "answers");
   if (link.vrchat && !trouble)
     return ofVrchat(

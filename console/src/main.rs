@@ -33,11 +33,13 @@ use std::{
     path::Path,
     process::ExitCode,
     sync::Arc,
+    time::Duration,
 };
 
 use clap::Parser as _;
 use tokio::{
-    runtime, select,
+    runtime::{self, Runtime},
+    select,
     signal::unix::{SignalKind, signal},
     sync::watch,
 };
@@ -53,6 +55,8 @@ use self::{
 
 const EX_FAILED: u8 = 1;
 const EX_IOERR: u8 = 74;
+/// How long a file that is being written may take after the signal to end.
+const END_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Why the program fails.
 #[derive(Debug, thiserror::Error)]
@@ -100,7 +104,7 @@ fn main() -> ExitCode {
 fn run(args: &Args) -> Result<(), Failure> {
     let refused = |what| move |error| Failure::System { what, error };
     let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(refused("to start"))?;
-    runtime.block_on(async {
+    let done = runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).map_err(refused("a signal handler"))?;
         let mut terminate = signal(SignalKind::terminate()).map_err(refused("a signal handler"))?;
         let source = if args.config.is_none() { Some(Source::open(args)?) } else { None };
@@ -140,7 +144,14 @@ fn run(args: &Args) -> Result<(), Failure> {
             _ = terminate.recv() => {}
         }
         Ok(())
-    })
+    });
+    end(runtime);
+    done
+}
+
+/// Ends what still runs, when files that are being written are complete. Nobody waits for a resolver that does not answer.
+fn end(runtime: Runtime) {
+    runtime.shutdown_timeout(END_PATIENCE);
 }
 
 /// Prints the addresses to open, and what the program does.
@@ -166,4 +177,46 @@ fn qr_code(url: &str) -> String {
     let picture = code.render::<qrcode::render::unicode::Dense1x2>().quiet_zone(true).build();
     let lines: Vec<String> = picture.lines().map(|line| format!("\x1b[30;107m{line}\x1b[0m")).collect();
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        sync::{
+            atomic::{AtomicBool, Ordering::SeqCst},
+            mpsc,
+        },
+        thread,
+    };
+
+    use super::*;
+
+    #[test]
+    fn the_end_waits_for_a_file_that_is_being_written_and_not_for_a_resolver_that_hangs() {
+        let runtime = runtime::Builder::new_current_thread().build().unwrap();
+        let (started, starts) = mpsc::channel();
+        let has_written = Arc::new(AtomicBool::new(false));
+        let (written, begun) = (Arc::clone(&has_written), started.clone());
+        let (ending, is_ending) = mpsc::channel();
+        runtime.spawn_blocking(move || {
+            begun.send(()).unwrap();
+            is_ending.recv().unwrap();
+            (0..20).for_each(|_| thread::yield_now());
+            written.store(true, SeqCst);
+        });
+        let (_hold, held) = mpsc::channel::<()>();
+        runtime.spawn_blocking(move || {
+            started.send(()).unwrap();
+            held.recv()
+        });
+        assert_eq!(starts.iter().take(2).count(), 2);
+        let (ended, ends) = mpsc::channel();
+        thread::spawn(move || {
+            ending.send(()).unwrap();
+            end(runtime);
+            ended.send(()).unwrap();
+        });
+        assert_eq!(ends.recv_timeout(Duration::from_secs(20)), Ok(()), "the end waits for the resolver");
+        assert!(has_written.load(SeqCst));
+    }
 }

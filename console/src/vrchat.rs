@@ -34,10 +34,18 @@ const PAUSE: Duration = Duration::from_secs(2);
 const QUESTIONS_TO_KNOW: u32 = 3;
 /// How long an answer counts: three questions.
 const LONGEST_SILENCE: Duration = Duration::from_secs(10);
-/// The most datagrams that are read after a question.
-const MOST_ANSWERS: usize = 64;
+/// The most datagrams that are read after a question, whatever they hold.
+const MOST_DATAGRAMS: usize = 1024;
+/// The most machines whose answers are kept.
+const MOST_MACHINES: usize = 64;
+/// The most places that a link names beside its receiver.
+const MOST_PLACES: usize = 4;
 const MOST_BYTES: usize = 9000;
 const MOST_NAME_BYTES: usize = 255;
+/// The most questions and records in an answer.
+const MOST_RECORDS: u32 = 64;
+/// The most pointers from one label of a name to the next.
+const MOST_POINTERS: usize = 4;
 const PTR: u8 = 12;
 const SRV: u16 = 33;
 /// The flag of answers.
@@ -98,13 +106,17 @@ impl Vrchat {
 
 impl Known {
     /// Takes the answers to one question.
-    fn take(&mut self, answers: Vec<(Ipv4Addr, u16)>, now: Instant) {
+    fn take(&mut self, answers: HashMap<Ipv4Addr, u16>, now: Instant) {
         self.questions = self.questions.saturating_add(1);
-        self.heard.extend(answers.into_iter().map(|(machine, port)| (machine, (port, now))));
         self.heard.retain(|_, (_, at)| now.saturating_duration_since(*at) < LONGEST_SILENCE);
+        for (machine, port) in answers {
+            if self.heard.len() < MOST_MACHINES || self.heard.contains_key(&machine) {
+                self.heard.insert(machine, (port, now));
+            }
+        }
     }
 
-    /// Whether VRChat answers at the receiver of a link, and where else. `None` while that is not known.
+    /// Whether VRChat answers at the receiver of a link, and some other places where it does. `None` while that is not known.
     fn answers(&self, receiver: &str, now: Instant) -> Option<Value> {
         let receiver = self.receivers.get(receiver)?;
         let heard = self.heard.iter().filter(|(_, (_, at))| now.saturating_duration_since(*at) < LONGEST_SILENCE);
@@ -115,6 +127,7 @@ impl Known {
         }
         places.retain(|place| place != receiver);
         places.sort_unstable();
+        places.truncate(MOST_PLACES);
         Some(json!({"answers": answers, "elsewhere": places}))
     }
 }
@@ -156,7 +169,7 @@ fn here(ip: IpAddr, this_machine: &[IpAddr]) -> IpAddr {
 
 /// Asks all networks of this machine, and returns on which machines VRChat has answered, with its port. Fails if no network takes
 /// the question.
-async fn ask(this_machine: &[IpAddr]) -> io::Result<Vec<(Ipv4Addr, u16)>> {
+async fn ask(this_machine: &[IpAddr]) -> io::Result<HashMap<Ipv4Addr, u16>> {
     // From another port than 5353, so that answers come to this socket alone, and not to everybody.
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).await?;
     let id = getrandom::u32().map_err(io::Error::other)? as u16;
@@ -171,18 +184,26 @@ async fn ask(this_machine: &[IpAddr]) -> io::Result<Vec<(Ipv4Addr, u16)>> {
         }
     }
     sent?;
-    let until = Instant::now() + PATIENCE;
-    let mut answers = Vec::new();
+    Ok(answers_until(Instant::now() + PATIENCE, &socket, id, this_machine).await)
+}
+
+/// Returns what has come by then in answer to the question of this number. Anybody nearby may have sent it.
+async fn answers_until(until: Instant, socket: &UdpSocket, id: u16, this_machine: &[IpAddr]) -> HashMap<Ipv4Addr, u16> {
+    let mut answers = HashMap::new();
     let mut datagram = [0; MOST_BYTES];
-    for _ in 0..MOST_ANSWERS {
+    for _ in 0..MOST_DATAGRAMS {
+        // What has come already is received even when the time is over.
+        if Instant::now() >= until {
+            break;
+        }
         let Ok(received) = timeout_at(until, socket.recv_from(&mut datagram)).await else { break };
         let Ok((length, from)) = received else { continue };
         let port = datagram.get(..length).and_then(|datagram| port_of_vrchat(datagram, id));
         if let (Some(port), IpAddr::V4(machine)) = (port, here(from.ip(), this_machine)) {
-            answers.push((machine, port));
+            answers.insert(machine, port);
         }
     }
-    Ok(answers)
+    answers
 }
 
 /// Returns the question for receivers of OSC in the format of RFC 6762. Answers repeat its number.
@@ -210,24 +231,38 @@ fn port_of_vrchat(answer: &[u8], id: u16) -> Option<u16> {
     for _ in 0..3 {
         records += u32::from(reader.u16()?);
     }
+    if u32::from(questions) + records > MOST_RECORDS {
+        return None;
+    }
     for _ in 0..questions {
-        reader.name()?;
+        reader.skip_name()?;
         reader.bytes(4)?;
     }
-    // Each record takes eleven bytes at least, so that this ends soon, whatever the counts are.
     for _ in 0..records {
-        let name = reader.name()?;
+        let name = Reader { ..reader };
+        reader.skip_name()?;
         let kind = reader.u16()?;
         let [_, _, lifetime @ ..] = reader.bytes(6)? else { return None };
         let length = reader.u16()?;
         let data = reader.bytes(length.into())?;
-        let is_vrchat = name.starts_with(INSTANCE) && name.ends_with(SERVICE);
-        // The lifetime of what has gone is 0. Priority and weight come before the port.
-        if let (SRV, true, true, [_, _, _, _, high, low, ..]) = (kind, is_vrchat, lifetime != [0; 4], data) {
-            return Some(u16::from_be_bytes([*high, *low]));
+        // Priority and weight come before the port.
+        let [_, _, _, _, high, low, ..] = data else { continue };
+        let port = u16::from_be_bytes([*high, *low]);
+        // The lifetime of what has gone is 0.
+        if kind == SRV && lifetime != [0; 4] && port != 0 && is_vrchat(name) {
+            return Some(port);
         }
     }
     None
+}
+
+/// Whether the name that begins here is one of VRChat.
+fn is_vrchat(mut name: Reader<'_>) -> bool {
+    let instance = name.label().and_then(|label| label.get(..INSTANCE.len()));
+    let is_instance = instance.is_some_and(|start| start.eq_ignore_ascii_case(INSTANCE.as_bytes()));
+    let mut is_next = |want: &str| name.label().is_some_and(|label| label.eq_ignore_ascii_case(want.as_bytes()));
+    // A name ends with an empty label.
+    is_instance && SERVICE.split('.').chain([""]).all(&mut is_next)
 }
 
 /// Reads a message of the DNS.
@@ -248,37 +283,32 @@ impl<'a> Reader<'a> {
         self.bytes(2)?.try_into().ok().map(u16::from_be_bytes)
     }
 
-    /// Reads a name, of which the rest may stand further up in the message. It is returned in lower case.
-    fn name(&mut self) -> Option<String> {
-        let mut name = String::new();
-        let mut part = Reader { bytes: self.bytes, at: self.at };
-        let mut highest = self.at;
-        let mut end = None;
-        loop {
-            match part.bytes(1)? {
-                [0] => break,
-                [length @ 1..=63] => {
-                    let label = part.bytes((*length).into())?;
-                    let dot = if name.is_empty() { "" } else { "." };
-                    name = format!("{name}{dot}{}", String::from_utf8_lossy(label).to_lowercase());
-                }
+    /// Steps over a name, of which the rest may stand elsewhere in the message.
+    fn skip_name(&mut self) -> Option<()> {
+        let start = self.at;
+        while self.at - start <= MOST_NAME_BYTES {
+            match self.bytes(1)? {
+                [0] => return Some(()),
+                [length @ 1..=63] => self.bytes((*length).into())?,
+                [0xC0..=0xFF] => return self.bytes(1).map(|_| ()),
+                _ => return None,
+            };
+        }
+        None
+    }
+
+    /// Reads the next label of a name, wherever it stands. It is empty at the end of the name.
+    fn label(&mut self) -> Option<&'a [u8]> {
+        for _ in 0..=MOST_POINTERS {
+            match self.bytes(1)? {
+                [length @ 0..=63] => return self.bytes((*length).into()),
                 [high @ 0xC0..=0xFF] => {
-                    let place = usize::from(u16::from_be_bytes([*high & 0x3F, *part.bytes(1)?.first()?]));
-                    end.get_or_insert(part.at);
-                    // Each part stands before the last one, so that parts that name each other end here.
-                    if place >= highest {
-                        return None;
-                    }
-                    (part.at, highest) = (place, place);
+                    self.at = usize::from(u16::from_be_bytes([*high & 0x3F, *self.bytes(1)?.first()?]));
                 }
                 _ => return None,
             }
-            if name.len() > MOST_NAME_BYTES {
-                return None;
-            }
         }
-        self.at = end.unwrap_or(part.at);
-        Some(name)
+        None
     }
 }
 
@@ -295,6 +325,7 @@ mod tests {
         \xc0-\0/\0\x01\0\0\0x\0\x08\xc0-\0\x04\0\0\0\x08\xc0{\0\x01\0\x01\0\0\0x\0\x04\x7f\0\0\x01\x16VRCFaceTrackin\
         g-7K2M9Q\xc0\x90\0\x01\0\x01\0\0\0x\0\x04\x0aM\0\x02\xc0P\0\x10\0\x01\0\0\x11\x94\0\0\xc0P\0!\0\x01\0\0\0x\0\
         \x08\0\0\0\0#)\xc0\xc6\xc0P\0/\0\x01\0\0\0x\0\x08\xc0P\0\x04\0\0\0\x08";
+
     fn answer(records: &[&[u8]]) -> Vec<u8> {
         let count = records.len() as u8;
         [&[0x12, 0x34, 0x84, 0, 0, 0, 0, count, 0, 0, 0, 0], &*records.concat()].concat()
@@ -327,8 +358,64 @@ mod tests {
         ] {
             assert_eq!(port_of_vrchat(&answer(&records), ID), port, "{records:x?}");
         }
+        let mut without_port = record(b"VRChat-Client-9F3A21", 120);
+        let end = without_port.len();
+        without_port[end - 3..end - 1].fill(0);
+        assert_eq!(port_of_vrchat(&answer(&[&without_port]), ID), None, "nobody receives at port 0");
         assert_eq!(port_of_vrchat(RECORDED, ID + 1), None, "the answer to somebody else's question");
         assert_eq!(port_of_vrchat(&question(ID), ID), None);
+    }
+
+    #[test]
+    fn an_answer_that_would_take_long_to_read_is_refused_and_no_name_is_read_that_does_not_matter() {
+        let vrchat = record(b"VRChat-Client-9F3A21", 120);
+        // A name of 120 labels, to which the names of all other questions point.
+        let long = [&b"\x01a".repeat(120)[..], b"\0\0\x0c\0\x01"].concat();
+        let with_questions = |count: u16| {
+            let others = b"\xc0\x0c\0\x0c\0\x01".repeat(usize::from(count) - 1);
+            let [high, low] = count.to_be_bytes();
+            [&[0x12, 0x34, 0x84, 0, high, low, 0, 1, 0, 0, 0, 0], &*long, &others, &vrchat].concat()
+        };
+        for (questions, port) in [(2, Some(9000)), (63, Some(9000)), (64, None), (1400, None)] {
+            assert_eq!(port_of_vrchat(&with_questions(questions), ID), port, "{questions} questions");
+        }
+        for (records, port) in [(64, Some(9000)), (65, None)] {
+            let mut all = vec![&b"\0\0\x01\0\x01\0\0\0\x78\0\0"[..]; records - 1];
+            all.push(&vrchat);
+            assert_eq!(port_of_vrchat(&answer(&all), ID), port, "{records} records");
+        }
+        // The name of an address goes on with itself.
+        let address = b"\xc0\x0c\0\x01\0\x01\0\0\0\x78\0\x04\x0a\0\0\x02";
+        assert_eq!(port_of_vrchat(&answer(&[address, &vrchat]), ID), Some(9000));
+        // The data of the first record hold a name, and pointers of which each names the one before it.
+        for (pointers, port) in [(MOST_POINTERS, Some(9000)), (MOST_POINTERS + 1, None)] {
+            let mut data = vrchat.get(..vrchat.len() - 17).unwrap().to_vec();
+            let mut place = 23;
+            for _ in 1..pointers {
+                let next = 23 + data.len();
+                data.extend([0xC0, place as u8]);
+                place = next;
+            }
+            let holder = [&b"\0\0\x10\0\x01\0\0\0\x78\0"[..], &[data.len() as u8], &data].concat();
+            let pointing = [&[0xC0, place as u8], &vrchat[vrchat.len() - 17..]].concat();
+            assert_eq!(port_of_vrchat(&answer(&[&holder, &pointing]), ID), port, "{pointers} pointers");
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_no_answer_takes_no_place_of_one_and_nothing_is_read_after_the_time() {
+        let [asker, machine] =
+            [UdpSocket::bind("127.0.0.1:0").await.unwrap(), UdpSocket::bind("127.0.0.1:0").await.unwrap()];
+        let place = asker.local_addr().unwrap();
+        for _ in 0..MOST_MACHINES {
+            machine.send_to(b"no answer", place).await.unwrap();
+        }
+        machine.send_to(&answer(&[&record(b"VRChat-Client-9F3A21", 120)]), place).await.unwrap();
+        let heard = [(Ipv4Addr::LOCALHOST, 9000)].into();
+        assert_eq!(answers_until(Instant::now() + PATIENCE, &asker, ID, &[]).await, heard);
+        machine.send_to(&answer(&[&record(b"VRChat-Client-9F3A21", 120)]), place).await.unwrap();
+        asker.readable().await.unwrap();
+        assert_eq!(answers_until(Instant::now(), &asker, ID, &[]).await, HashMap::new());
     }
 
     #[test]
@@ -403,6 +490,19 @@ mod tests {
         assert_eq!(asked.ask(0, &elsewhere), json!({"answers": false, "elsewhere": places}));
         let both = json!({"answers": true, "elsewhere": ["10.0.0.3:9000"]});
         assert_eq!(asked.ask(1, &[([10, 0, 0, 2], 9000)]), both);
+    }
+
+    #[test]
+    fn four_of_many_places_are_named_and_sixty_four_machines_kept_and_none_of_them_is_lost_to_a_new_one() {
+        let mut asked = Asked::new("10.0.0.2:9000");
+        asked.ask(0, &[([10, 0, 0, 2], 9000), ([10, 0, 0, 9], 9000)]);
+        let many: Vec<_> = (0..=255).map(|host| ([10, 0, 1, host], 9000)).collect();
+        let answers = asked.ask(1, &many);
+        assert_eq!(answers["answers"], true);
+        assert_eq!(answers["elsewhere"].as_array().map(Vec::len), Some(4));
+        assert_eq!(asked.known.heard.len(), 64);
+        asked.ask(1, &[([10, 0, 0, 9], 9010)]);
+        assert_eq!(asked.known.heard[&Ipv4Addr::new(10, 0, 0, 9)].0, 9010);
     }
 
     #[tokio::test]

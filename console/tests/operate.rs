@@ -1107,6 +1107,8 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
         more(link("vrchat", "10.0.0.2:9000", true, None), "vrchat", json!({"answers": answers, "elsewhere": elsewhere}))
     };
     let nobody = "pc:11111: nobody listens on port 11111 of pc; start the receiver there";
+    let refused = "10.0.0.2:9000: the system refuses to send; check the network";
+    let unheard = "10.0.0.2:9000: nobody listens on port 9000 of 10.0.0.2; start the receiver there";
     let waits = "auto: waits for a microcontroller board; none of a known maker is plugged in";
     let fault =
         "/dev/ttyUSB0: another program has it open; end that program (the service: `sudo systemctl stop facewire`)";
@@ -1121,6 +1123,12 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
         vrchat(true, &[]),
         vrchat(false, &["10.0.0.3:9000", "10.0.0.2:9010"]),
         vrchat(false, &[]),
+        more(vrchat(true, &[]), "trouble", json!(refused)),
+        more(vrchat(false, &["10.0.0.3:9000"]), "trouble", json!(refused)),
+        more(more(vrchat(true, &[]), "trouble", json!(unheard)), "unheard", json!(true)),
+        more(more(vrchat(false, &["10.0.0.3:9000"]), "trouble", json!(unheard)), "unheard", json!(true)),
+        more(vrchat(false, &["10.0.0.3:9000"]), "answered_s_ago", json!(3)),
+        more(vrchat(false, &["10.0.0.3:9000"]), "answered_s_ago", json!(10)),
     ];
     browser.wait_for_text("Bus servos /dev/ttyUSB0");
     let articles = "[...document.querySelectorAll('#page-links article')].map(({ innerText }) => innerText.split('\\n').filter((line) => line && !/^(rate|sent|dropped) /.test(line)).join('|'))";
@@ -1138,10 +1146,17 @@ fn a_link_says_only_what_is_known_of_its_receiver_and_waiting_is_no_fault() {
             "VRChat 10.0.0.2:9000 answers",
             "VRChat 10.0.0.2:9000 VRChat answers elsewhere|VRChat answers at 10.0.0.3:9000, 10.0.0.2:9010; set this link's address to match.",
             "VRChat 10.0.0.2:9000 no answer|Is OSC switched on in VRChat, at Options > OSC > Enabled? A firewall that blocks mDNS can also be the cause.",
+            "VRChat sending to 10.0.0.2:9000|The system refuses to send; check the network.",
+            "VRChat sending to 10.0.0.2:9000|The system refuses to send; check the network.",
+            "VRChat 10.0.0.2:9000 nobody listens|Nobody listens on port 9000 of 10.0.0.2; start the receiver there.",
+            "VRChat 10.0.0.2:9000 nobody listens|Nobody listens on port 9000 of 10.0.0.2; start the receiver there.",
+            "VRChat 10.0.0.2:9000 answers",
+            "VRChat 10.0.0.2:9000 VRChat answers elsewhere|VRChat answers at 10.0.0.3:9000; set this link's address to match.",
         ])
     );
     let red = "[...document.querySelectorAll('#page-links article')].map((it) => it.querySelector('.state-bad, .trouble') !== null)";
-    assert_eq!(browser.value(red), json!([false, false, true, false, true, false, false, false, false, false, false]));
+    let is_red: Vec<bool> = (0..17).map(|article| [2, 4, 11, 12].contains(&article)).collect();
+    assert_eq!(browser.value(red), json!(is_red));
     browser.screenshot("links on a phone");
     browser.turn_to("health");
     browser.wait_until("document.querySelector('#banners')?.innerText.includes('head.local')");

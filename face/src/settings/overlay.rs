@@ -305,7 +305,7 @@ mod tests {
     /// A file with many faults takes as long as one with [`MOST_FAULTS`].
     #[test]
     fn of_many_faults_the_first_are_named_and_that_there_may_be_more() {
-        let keys: String = (0..5000).map(|key| format!("key{key} = 1\n")).collect();
+        let keys = (0..5000).map(|key| format!("key{key} = 1\n")).collect::<Vec<_>>().concat();
         for text in ["x\n".repeat(5000), keys.clone(), format!("[adjust]\n{keys}")] {
             let faults = faults(&text);
             let sentences: Vec<&str> = faults.iter().collect();

@@ -211,7 +211,7 @@ impl<'a> Overlay<'a> {
         self.found.sort_by_key(|(start, _)| *start);
         faults.0.extend(self.found.into_iter().map(|(_, fault)| fault));
         if is_full {
-            faults.push(format!("{}: there may be more faults: correct these first", self.source));
+            faults.push(format!("{} may have more faults: correct these first", self.source));
         }
     }
 
@@ -310,7 +310,7 @@ mod tests {
             let faults = faults(&text);
             let sentences: Vec<&str> = faults.iter().collect();
             assert_eq!(sentences.len(), MOST_FAULTS + 1);
-            assert_eq!(sentences.last(), Some(&"file: there may be more faults: correct these first"));
+            assert_eq!(sentences.last(), Some(&"file may have more faults: correct these first"));
         }
         assert_eq!(faults("x = 1\ny = 2\n").iter().count(), 2);
     }

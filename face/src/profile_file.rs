@@ -53,8 +53,10 @@ impl<T: Serialize + DeserializeOwned + PartialEq> ProfileFile<T> {
         }
         let damaged = |error: toml::de::Error| format!("it is damaged: {}", one_line(error.message()));
         let table: toml::Table = text.parse().map_err(damaged)?;
-        if let Some(format) = table.get("format").and_then(toml::Value::as_integer).filter(|format| *format != FORMAT) {
-            return Err(format!("it has format {format}, and this facewire reads format {FORMAT}"));
+        match table.get("format").and_then(toml::Value::as_integer) {
+            Some(FORMAT) => {}
+            Some(format) => return Err(format!("it has format {format}, and this facewire reads format {FORMAT}")),
+            None => return Err("it is damaged: it has no format".to_owned()),
         }
         let table: Table<T> = table.try_into().map_err(damaged)?;
         table.read().map_err(|error| format!("it is damaged: {error}"))
@@ -173,6 +175,7 @@ mod tests {
         flat.profile.neutral = Some(Neutral::from_points(&[[0.5; 3]; LANDMARKS]).unwrap());
         let cases = [
             (text.replace("format = 1", "format = 2"), "format 2"),
+            (text.replace("format = 1\n", ""), "no format"),
             (text.replace("gain = 1.2500", "gain = 99.0"), "blendshapes.eyeBlinkLeft"),
             (text.replace("rest = -0.2125", "rest = nan"), "blendshapes.eyeBlinkLeft"),
             (text.replacen("jawOpen", "jawOpem", 1), "there is no jawOpen"),

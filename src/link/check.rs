@@ -26,8 +26,8 @@ const BITS_PER_BYTE: u64 = 10;
 /// Baud rates that every serial port supports. The last one carries the highest rate that a setting allows.
 const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 
-/// Adds the faults of links. `control` are the paths at which the service's control socket may be. Links with a value that is wrong
-/// by itself are not judged.
+/// Adds the faults of links. `control` are the paths at which the service's control socket may be. Links with a value that is
+/// wrong by itself are not judged.
 pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Faults) {
     let links = settings.readable_links(faults);
     for (index, (place, link)) in links.iter().enumerate() {

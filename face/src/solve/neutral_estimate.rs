@@ -106,8 +106,8 @@ impl NeutralEstimate {
         *position = None;
     }
 
-    /// Reads the wearer's face at rest by the model that gives all later outputs. Begins anew with a face of which one half alone
-    /// is learned, or of which the model makes nothing. Does not allocate.
+    /// Reads the wearer's face at rest by the model that gives all later outputs. Begins anew with a face of which one half
+    /// alone is learned, or of which the model makes nothing. Does not allocate.
     pub(super) fn read_again(&mut self, model: &Model) {
         self.forget_motion();
         if self.is_fading {

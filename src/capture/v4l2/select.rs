@@ -3,9 +3,9 @@
 //! A camera that cannot be used now, such as one that another program uses, must not keep facewire from the next one. So
 //! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the cameras
 //! with colours, of these the USB cameras, of these the one with the lowest number. Those that failed follow, the last one
-//! that failed at the end. Multi-planar cameras come after all others. The camera module of a Raspberry Pi, whose service passes its
-//! pictures by a pipe, is tried before all cameras, or if it failed before, after them: it takes seconds to see that its service
-//! does not work.
+//! that failed at the end. Multi-planar cameras come after all others. The camera module of a Raspberry Pi, whose service
+//! passes its pictures by a pipe, is tried before all cameras, or if it failed before, after them: it takes seconds to see that
+//! its service does not work.
 
 use std::path::{Path, PathBuf};
 
@@ -67,9 +67,9 @@ impl<T, S: FnMut(&Path, &str) -> Result<T, CaptureError>> Tries<S> {
     }
 }
 
-/// Calls `start` with the pipe of the module if there is one, and with the node of one camera after the other, until one starts:
-/// every camera if `wanted` is `auto`, else those whose name or link contains it, in upper or lower case. `find` is called once a
-/// camera is needed. The text that `start` gets tells the operator about the other cameras.
+/// Calls `start` with the pipe of the module if there is one, and with the node of one camera after the other, until one
+/// starts: every camera if `wanted` is `auto`, else those whose name or link contains it, in upper or lower case. `find` is
+/// called once a camera is needed. The text that `start` gets tells the operator about the other cameras.
 pub(in crate::capture) fn start_one<T>(
     module: Option<&Path>,
     find: impl FnOnce() -> Found,

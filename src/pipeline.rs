@@ -58,7 +58,7 @@ impl Processed<'_> {
 
     /// What a calibration learns from the frame. Does not allocate.
     pub fn observe(&self, is_dark: bool) -> Observation {
-        Observation::new(&self.solver.model, self.face, &self.camera, self.frame.captured_us, is_dark)
+        Observation::new(self.solver.model(), self.face, &self.camera, self.frame.captured_us, is_dark)
     }
 
     /// What a recording keeps of the frame. Does not allocate.

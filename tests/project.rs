@@ -134,6 +134,24 @@ fn the_picture_in_readme_moves_is_small_and_has_a_text_that_says_what_is_seen() 
     assert_eq!(run.status, Some(0), "{run:?}");
 }
 
+#[test]
+fn only_the_crates_of_a_release_can_be_published() {
+    let release = fs::read_to_string(project("scripts/release")).unwrap();
+    let (_, list) = release.split_once("\ncrates=(").unwrap();
+    let mut listed: Vec<&str> = list.split_once(')').unwrap().0.split_whitespace().collect();
+    let folders = files(&project("")).into_iter().chain([project("")]);
+    let manifests = folders.filter_map(|folder| fs::read_to_string(folder.join("Cargo.toml")).ok());
+    let manifests: Vec<toml::Table> = manifests.map(|manifest| manifest.parse().unwrap()).collect();
+    let packages = manifests.iter().map(|manifest| &manifest["package"]);
+    let can_be_published =
+        |package: &&toml::Value| package.get("publish").is_none_or(|publish| publish.as_bool() != Some(false));
+    let mut published: Vec<_> =
+        packages.filter(can_be_published).map(|package| package["name"].as_str().unwrap()).collect();
+    listed.sort_unstable();
+    published.sort_unstable();
+    assert_eq!(published, listed);
+}
+
 fn sources(folder: &Path) -> String {
     let source = |path: &PathBuf| match path.extension().and_then(|ending| ending.to_str()) {
         None if path.is_dir() => sources(path),

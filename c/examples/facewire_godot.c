@@ -32,6 +32,7 @@ static struct {
     int64_t (*string_to_utf8)(const struct godot_string *string, char *text, int64_t bytes);
     const uint8_t *(*byte_at)(const struct godot_bytes *bytes, int64_t index);
     uint32_t (*type_of)(const struct godot_variant *variant);
+    uint8_t (*can_convert)(enum godot_type from, enum godot_type to);
     godot_convert (*from_variant)(enum godot_type type);
     godot_convert (*to_variant)(enum godot_type type);
     godot_destroy (*destructor)(enum godot_type type);
@@ -123,7 +124,7 @@ static void call_typed(void *data, void *instance, const void *const *arguments,
     ((const struct method *)data)->run(instance, arguments, result);
 }
 
-/* Whether the arguments are those of the method. */
+/* Whether the arguments are those of the method, or Godot converts them as for its own methods, such as a float to an int. */
 static int are_right(const struct method *method, const struct godot_variant *const *arguments, int64_t count,
                      struct godot_call_error *error)
 {
@@ -134,7 +135,7 @@ static int are_right(const struct method *method, const struct godot_variant *co
         return 0;
     }
     for (int32_t i = 0; i < count; i++) {
-        if (godot.type_of(arguments[i]) != method->types[i]) {
+        if (!godot.can_convert(godot.type_of(arguments[i]), method->types[i])) {
             *error = (struct godot_call_error){GODOT_WRONG_ARGUMENT, i, (int32_t)method->types[i]};
             return 0;
         }
@@ -248,6 +249,7 @@ uint8_t facewire_godot(godot_find find, void *of_library, struct godot_initializ
         {&godot.string_to_utf8, "string_to_utf8_chars"},
         {&godot.byte_at, "packed_byte_array_operator_index_const"},
         {&godot.type_of, "variant_get_type"},
+        {&godot.can_convert, "variant_can_convert_strict"},
         {&godot.from_variant, "get_variant_to_type_constructor"},
         {&godot.to_variant, "get_variant_from_type_constructor"},
         {&godot.destructor, "variant_get_ptr_destructor"},

@@ -342,9 +342,13 @@ unsafe fn open(options: &Options) -> Result<FaceTracker, String> {
     chosen.open().map_err(told)
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "it is what `map_err` takes")]
 fn told(error: Error) -> String {
-    error.to_string()
+    let flag = match error {
+        Error::UnusedFilters { stills: true } => "FACEWIRE_STILLS",
+        Error::UnusedFilters { stills: false } => "FACEWIRE_UNSMOOTHED",
+        error => return error.to_string(),
+    };
+    format!("the settings configure filters in [smoothing], but {flag} switches all filters off")
 }
 
 fn method(number: u32) -> Result<Method, String> {

@@ -219,9 +219,15 @@ fn an_installed_library_is_found_by_pkg_config_and_linked_by_the_name_of_its_int
 /// Pictures of the built-in clip in which the mouth opens twice: the first of them and how many.
 const SPEECH: [usize; 2] = [86, 16];
 
-/// Checks the values of jawOpen that a host prints: one line for each picture in each of these formats, each close to the value
-/// that the crate finds in the same video before the host converts it.
-fn check_speech(printed: &str, formats: &[&str], film: &[u8]) {
+/// Checks the values of jawOpen that this script prints for the video `film.i422`, with the library installed: one line for
+/// each picture in each of these formats, each close to the value that the crate finds in the same video before a host converts
+/// it.
+fn check_speech(formats: &[&str], script: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let film = clip_from(SPEECH[0], SPEECH[1]);
+    fs::write(folder.path().join("film.i422"), &film).unwrap();
+    let prefix = install(folder.path());
+    let printed = shell(folder.path(), &prefix, script);
     let mut tracker = FaceTracker::new().unwrap();
     let expected: Vec<f32> = (0..)
         .zip(film.chunks(2 * 640 * 480))
@@ -248,36 +254,24 @@ fn a_filter_of_obs_follows_a_face_in_nv12_and_i420_with_padding() {
         skip::skip("there is no libobs: apt-get install libobs-dev");
         return;
     }
-    let folder = tempfile::tempdir().unwrap();
-    let prefix = install(folder.path());
-    let film = clip_from(SPEECH[0], SPEECH[1]);
-    fs::write(folder.path().join("film.i422"), &film).unwrap();
-    let printed = shell(
-        folder.path(),
-        &prefix,
+    check_speech(
+        &["NV12", "I420"],
         "cc -shared -fPIC -Wall -Werror $C/examples/facewire_obs.c -o facewire_obs.so $(pkg-config --cflags --libs libobs facewire)
          cc -rdynamic -Wall -Wextra -Werror $C/tests/obs.c -o host $(pkg-config --cflags --libs libobs)
          ./host ./facewire_obs.so film.i422",
     );
-    check_speech(&printed, &["NV12", "I420"], &film);
 }
 
 #[test]
 #[cfg(target_pointer_width = "64")]
 fn an_extension_of_godot_follows_a_face_for_scripts_with_and_without_types() {
-    let folder = tempfile::tempdir().unwrap();
-    let prefix = install(folder.path());
-    let film = clip_from(SPEECH[0], SPEECH[1]);
-    fs::write(folder.path().join("film.i422"), &film).unwrap();
-    let printed = shell(
-        folder.path(),
-        &prefix,
+    check_speech(
+        &["RGB"],
         "flags='-std=c11 -Wall -Wextra -Werror'
          cc $flags -shared -fPIC $C/examples/facewire_godot.c -o libfacewire_godot.so $(pkg-config --cflags --libs facewire)
          cc $flags -fsanitize=address,undefined -fno-sanitize-recover=all $C/tests/godot.c -o host
          ./host ./libfacewire_godot.so film.i422",
     );
-    check_speech(&printed, &["RGB"], &film);
 }
 
 #[test]

@@ -77,6 +77,12 @@ static uint32_t type_of(const struct godot_variant *variant)
     return (uint32_t)variant->content[0];
 }
 
+/* Of what Godot converts, what the calls below need. */
+static uint8_t can_convert(enum godot_type from, enum godot_type to)
+{
+    return from == to || (from == GODOT_FLOAT && to == GODOT_INT) || (from == GODOT_NAME && to == GODOT_STRING);
+}
+
 static struct godot_variant variant(enum godot_type type, const void *value, size_t bytes)
 {
     struct godot_variant made = {{type, 0, 0}};
@@ -115,7 +121,10 @@ static void from_string(void *to, void *from)
 
 static void from_int(void *to, void *from)
 {
-    memcpy(to, &((struct godot_variant *)from)->content[1], sizeof(int64_t));
+    const struct godot_variant *of = from;
+    double number;
+    memcpy(&number, &of->content[1], sizeof number);
+    *(int64_t *)to = type_of(of) == GODOT_FLOAT ? (int64_t)number : (int64_t)of->content[1];
 }
 
 static godot_convert from_variant(enum godot_type type)
@@ -184,6 +193,7 @@ static godot_function find(const char *name)
         {"string_to_utf8_chars", (godot_function)string_to_utf8},
         {"packed_byte_array_operator_index_const", (godot_function)byte_at},
         {"variant_get_type", (godot_function)type_of},
+        {"variant_can_convert_strict", (godot_function)can_convert},
         {"get_variant_to_type_constructor", (godot_function)from_variant},
         {"get_variant_from_type_constructor", (godot_function)to_variant},
         {"variant_get_ptr_destructor", (godot_function)destructor},
@@ -235,16 +245,20 @@ static double with_types(const uint8_t *picture, int64_t time_us)
 
 static double without_types(const uint8_t *picture, int64_t time_us)
 {
+    /* A division makes a float of a time in a script. */
+    const double time = (double)time_us;
     struct godot_variant arguments[4] = {{{GODOT_BYTES, (uint64_t)(uintptr_t)picture, BYTES}},
                                          {{GODOT_INT, WIDTH, 0}},
                                          {{GODOT_INT, HEIGHT, 0}},
-                                         {{GODOT_INT, (uint64_t)time_us, 0}}};
+                                         variant(GODOT_FLOAT, &time, sizeof time)};
     struct godot_variant name[4] = {{{GODOT_STRING, (uint64_t)(uintptr_t)"jawOpen", 0}}};
     double value;
     if (call("process", arguments, 4, GODOT_CALLED).content[1] != 1)
         return -1;
     struct godot_variant result = call("coefficient", name, 1, GODOT_CALLED);
     memcpy(&value, &result.content[1], sizeof value);
+    name[0].content[0] = GODOT_NAME;
+    assert(call("coefficient", name, 1, GODOT_CALLED).content[1] == result.content[1]);
     call("coefficient", name, 0, GODOT_TOO_FEW_ARGUMENTS);
     call("coefficient", name, 2, GODOT_TOO_MANY_ARGUMENTS);
     call("coefficient", &arguments[1], 1, GODOT_WRONG_ARGUMENT);

@@ -69,8 +69,8 @@ int main(void)
     options = default_options(), options.profile = "/nonexistent", refuses_to_open(options, "/nonexistent");
     options = default_options(), options.settings = "smoothing.jaw_ms = 351", refuses_to_open(options, "smoothing.jaw_ms");
     options = default_options(), options.settings = "smoothing.jaw_ms = 100", options.flags = FACEWIRE_STILLS;
-    refuses_to_open(options, "[smoothing]");
-    options.flags = FACEWIRE_UNSMOOTHED, refuses_to_open(options, "[smoothing]");
+    refuses_to_open(options, "[smoothing], but FACEWIRE_STILLS switches");
+    options.flags = FACEWIRE_UNSMOOTHED, refuses_to_open(options, "[smoothing], but FACEWIRE_UNSMOOTHED switches");
     options = default_options(), options.model = "\xff\xfe", refuses_to_open(options, "UTF-8");
     options = default_options(), options.networks = "", options.max_faces = 99, refuses_to_open(options, "max_faces");
     options.struct_size = 0, refuses_to_open(options, "facewire_default_options");

@@ -34,8 +34,11 @@ const PAUSE: Duration = Duration::from_secs(2);
 const QUESTIONS_TO_KNOW: u32 = 3;
 /// How long an answer counts: three questions.
 const LONGEST_SILENCE: Duration = Duration::from_secs(10);
-/// The most datagrams that are read after a question, whatever they hold.
-const MOST_DATAGRAMS: usize = 1024;
+/// The most datagrams that are received after a question.
+const MOST_DATAGRAMS: usize = 65_536;
+/// The most of them that are read of one machine, whatever they hold, and the most machines of which any are read.
+const MOST_OF_ONE: usize = 128;
+const MOST_SENDERS: usize = 1024;
 /// The most machines whose answers are kept.
 const MOST_MACHINES: usize = 64;
 /// The most places that a link names beside its receiver.
@@ -91,8 +94,10 @@ impl Vrchat {
                 continue;
             }
             let this_machine = addresses::all();
-            self.known().receivers = resolved(receivers, &this_machine).await;
-            if let Ok(answers) = ask(&this_machine).await {
+            let receivers = resolved(receivers, &this_machine).await;
+            let shares = Shares::new(receivers.values());
+            self.known().receivers = receivers;
+            if let Ok(answers) = ask(&this_machine, shares).await {
                 self.known().take(answers, Instant::now());
             }
             sleep(PAUSE).await;
@@ -105,12 +110,13 @@ impl Vrchat {
 }
 
 impl Known {
-    /// Takes the answers to one question.
+    /// Takes the answers to one question. Those of the receivers of links are kept, however many machines answer.
     fn take(&mut self, answers: HashMap<Ipv4Addr, u16>, now: Instant) {
         self.questions = self.questions.saturating_add(1);
         self.heard.retain(|_, (_, at)| now.saturating_duration_since(*at) < LONGEST_SILENCE);
         for (machine, port) in answers {
-            if self.heard.len() < MOST_MACHINES || self.heard.contains_key(&machine) {
+            let is_receiver = self.receivers.values().any(|receiver| receiver.ip() == machine);
+            if is_receiver || self.heard.len() < MOST_MACHINES || self.heard.contains_key(&machine) {
                 self.heard.insert(machine, (port, now));
             }
         }
@@ -167,9 +173,29 @@ fn here(ip: IpAddr, this_machine: &[IpAddr]) -> IpAddr {
     if is_here { Ipv4Addr::LOCALHOST.into() } else { ip }
 }
 
+/// How many more datagrams of each machine are read, so that no machine can use up what others need.
+#[derive(Debug)]
+struct Shares(HashMap<IpAddr, usize>);
+
+impl Shares {
+    /// These receivers have their shares, however many others send.
+    fn new<'a>(receivers: impl Iterator<Item = &'a SocketAddr>) -> Self {
+        Self(receivers.map(|receiver| (receiver.ip(), MOST_OF_ONE)).collect())
+    }
+
+    /// Takes a datagram from the share of its sender. Returns whether it is to be read.
+    fn take(&mut self, machine: IpAddr) -> bool {
+        let is_full = self.0.len() >= MOST_SENDERS;
+        let share = if is_full { self.0.get_mut(&machine) } else { Some(self.0.entry(machine).or_insert(MOST_OF_ONE)) };
+        let Some(share) = share.filter(|share| **share > 0) else { return false };
+        *share -= 1;
+        true
+    }
+}
+
 /// Asks all networks of this machine, and returns on which machines VRChat has answered, with its port. Fails if no network takes
 /// the question.
-async fn ask(this_machine: &[IpAddr]) -> io::Result<HashMap<Ipv4Addr, u16>> {
+async fn ask(this_machine: &[IpAddr], shares: Shares) -> io::Result<HashMap<Ipv4Addr, u16>> {
     // From another port than 5353, so that answers come to this socket alone, and not to everybody.
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).await?;
     let id = getrandom::u32().map_err(io::Error::other)? as u16;
@@ -184,11 +210,17 @@ async fn ask(this_machine: &[IpAddr]) -> io::Result<HashMap<Ipv4Addr, u16>> {
         }
     }
     sent?;
-    Ok(answers_until(Instant::now() + PATIENCE, &socket, id, this_machine).await)
+    Ok(answers_until(Instant::now() + PATIENCE, &socket, id, this_machine, shares).await)
 }
 
 /// Returns what has come by then in answer to the question of this number. Anybody nearby may have sent it.
-async fn answers_until(until: Instant, socket: &UdpSocket, id: u16, this_machine: &[IpAddr]) -> HashMap<Ipv4Addr, u16> {
+async fn answers_until(
+    until: Instant,
+    socket: &UdpSocket,
+    id: u16,
+    this_machine: &[IpAddr],
+    mut shares: Shares,
+) -> HashMap<Ipv4Addr, u16> {
     let mut answers = HashMap::new();
     let mut datagram = [0; MOST_BYTES];
     for _ in 0..MOST_DATAGRAMS {
@@ -198,8 +230,12 @@ async fn answers_until(until: Instant, socket: &UdpSocket, id: u16, this_machine
         }
         let Ok(received) = timeout_at(until, socket.recv_from(&mut datagram)).await else { break };
         let Ok((length, from)) = received else { continue };
+        let machine = here(from.ip(), this_machine);
+        if !shares.take(machine) {
+            continue;
+        }
         let port = datagram.get(..length).and_then(|datagram| port_of_vrchat(datagram, id));
-        if let (Some(port), IpAddr::V4(machine)) = (port, here(from.ip(), this_machine)) {
+        if let (Some(port), IpAddr::V4(machine)) = (port, machine) {
             answers.insert(machine, port);
         }
     }
@@ -412,10 +448,46 @@ mod tests {
         }
         machine.send_to(&answer(&[&record(b"VRChat-Client-9F3A21", 120)]), place).await.unwrap();
         let heard = [(Ipv4Addr::LOCALHOST, 9000)].into();
-        assert_eq!(answers_until(Instant::now() + PATIENCE, &asker, ID, &[]).await, heard);
+        let ask = |until| answers_until(until, &asker, ID, &[], Shares::new([].iter()));
+        assert_eq!(ask(Instant::now() + PATIENCE).await, heard);
         machine.send_to(&answer(&[&record(b"VRChat-Client-9F3A21", 120)]), place).await.unwrap();
         asker.readable().await.unwrap();
-        assert_eq!(answers_until(Instant::now(), &asker, ID, &[]).await, HashMap::new());
+        assert_eq!(ask(Instant::now()).await, HashMap::new());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_beyond_the_share_of_its_machine_is_not_read() {
+        let [asker, machine] =
+            [UdpSocket::bind("127.0.0.1:0").await.unwrap(), UdpSocket::bind("127.0.0.1:0").await.unwrap()];
+        let place = asker.local_addr().unwrap();
+        for (share, is_read) in [(2, true), (1, false)] {
+            machine.send_to(b"no answer", place).await.unwrap();
+            machine.send_to(&answer(&[&record(b"VRChat-Client-9F3A21", 120)]), place).await.unwrap();
+            let shares = Shares([(Ipv4Addr::LOCALHOST.into(), share)].into());
+            let answers = answers_until(Instant::now() + PATIENCE, &asker, ID, &[], shares).await;
+            assert_eq!(answers.contains_key(&Ipv4Addr::LOCALHOST), is_read);
+        }
+    }
+
+    #[test]
+    fn no_machine_uses_up_the_share_of_another_and_no_number_of_machines_that_of_a_receiver() {
+        let receiver: SocketAddr = "10.0.0.2:9000".parse().unwrap();
+        let mut shares = Shares::new([receiver].iter());
+        let machine = |number: usize| IpAddr::V4(Ipv4Addr::from_bits(0x0A01_0000 + number as u32));
+        let read = (0..10_000).filter(|_| shares.take(machine(0))).count();
+        assert_eq!(read, MOST_OF_ONE);
+        assert!(shares.take(machine(1)));
+        let read = (2..10_000).filter(|number| shares.take(machine(*number))).count();
+        assert_eq!(read, MOST_SENDERS - 3);
+        assert!(shares.take(machine(1)) && shares.take(receiver.ip()));
+    }
+
+    #[test]
+    fn the_answer_of_a_receiver_is_kept_after_those_of_any_number_of_machines() {
+        let mut asked = Asked::new("10.0.0.2:9000");
+        let many: Vec<_> = (0..=255).map(|host| ([10, 0, 1, host], 9000)).collect();
+        assert_eq!(asked.ask(0, &many)["answers"], false);
+        assert_eq!(asked.ask(1, &[([10, 0, 0, 2], 9000)])["answers"], true);
     }
 
     #[test]

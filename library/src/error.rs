@@ -16,6 +16,15 @@ pub enum Error {
     /// A value that no option has.
     #[error("{0}")]
     Option(&'static str),
+    /// The shaping has filters, but all filters are off.
+    #[error(
+        "the settings configure filters in [smoothing], but {} switches all filters off",
+        if *.stills { "for_stills()" } else { "smoothing(false)" }
+    )]
+    UnusedFilters {
+        /// Whether they are off for stills, and not by [`Options::smoothing`](crate::Options::smoothing) alone.
+        stills: bool,
+    },
     /// A text of settings has a fault.
     #[error("{0}")]
     Settings(String),

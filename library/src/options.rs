@@ -157,10 +157,9 @@ impl Options {
         self.lens.check()?;
         if !self.smoothing {
             let has_none = [Filters::OFF, default_shaping().filters].contains(&self.shaping.filters);
-            need(
-                has_none,
-                "the settings configure filters in [smoothing], but all filters are off for stills and without smoothing",
-            )?;
+            if !has_none {
+                return Err(Error::UnusedFilters { stills: self.stills });
+            }
             self.shaping.filters = Filters::OFF;
         }
         let model = match &self.model {

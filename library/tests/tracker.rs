@@ -537,8 +537,13 @@ fn options_that_make_no_sense_and_missing_files_are_errors_that_name_them() {
     assert!(error(Options::default().networks("/nonexistent")).contains("/nonexistent"));
     assert!(error(Options::default().model("/nonexistent.toml")).contains("/nonexistent.toml"));
     let filtered = parse_shaping("smoothing.jaw_ms = 100").unwrap();
-    for options in [Options::for_stills(), Options::for_stills().smoothing(true), Options::default().smoothing(false)] {
-        assert!(error(options.shaping(filtered.clone())).contains("[smoothing]"));
+    for (options, by) in [
+        (Options::for_stills(), "for_stills()"),
+        (Options::for_stills().smoothing(true), "for_stills()"),
+        (Options::default().smoothing(false), "smoothing(false)"),
+    ] {
+        let error = error(options.shaping(filtered.clone()));
+        assert!(error.contains("[smoothing]") && error.contains(by), "{error}");
     }
 }
 

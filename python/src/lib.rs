@@ -24,6 +24,11 @@ create_exception!(
 /// The exception for an error: what the caller gave wrongly is a `ValueError`.
 fn exception(error: &Error) -> PyErr {
     match error {
+        Error::UnusedFilters { stills } => {
+            let parameter = if *stills { "stills=True" } else { "smoothing=False" };
+            let sentence = "the settings configure filters in [smoothing], but";
+            PyValueError::new_err(format!("{sentence} {parameter} switches all filters off"))
+        }
         Error::Picture(_) | Error::Option(_) | Error::Settings(_) | Error::Face(_) | Error::Neutral(_) => {
             PyValueError::new_err(error.to_string())
         }

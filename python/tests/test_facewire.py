@@ -1048,12 +1048,14 @@ class Faults(unittest.TestCase):
             (ValueError, {"method": "paper", "model": "/nonexistent.toml"}), (ValueError, {"focal_length_px": 0.0}),
             (ValueError, {"eye_distance_mm": 0.0}), (ValueError, {"settings": "[camera]"}),
             (ValueError, {"settings": "smoothing.jaw_ms = 351"}),
-            (ValueError, {"settings": "smoothing.jaw_ms = 100", "stills": True}),
-            (ValueError, {"settings": "smoothing.jaw_ms = 100", "smoothing": False}),
             (ValueError, {"horizontal_fov_deg": float("nan"), "focal_length_px": 500.0}),
         ]:
             with self.assertRaises(wanted, msg=str(options)):
                 facewire.FaceTracker(**options)
+        for options in [{"stills": True}, {"smoothing": False}]:
+            named = ", ".join(f"{name}={value}" for name, value in options.items())
+            with self.assertRaisesRegex(ValueError, f"but {named} switches"):
+                facewire.FaceTracker(settings="smoothing.jaw_ms = 100", **options)
         with self.assertRaises(FileNotFoundError):
             facewire.track("/nonexistent.mp4")
         with self.assertRaises(ValueError):

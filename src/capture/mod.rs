@@ -30,11 +30,10 @@ use std::time::Duration;
 
 use facewire_face::{Camera, Face, Picture};
 
-use self::live::{failed, remember};
 pub use self::pipe::module_pipe;
 use self::pipe::{PipeSource, is_pipe};
 use self::rehearsal::Rehearsal;
-use self::v4l2::{AUTO, CameraSource, Wish};
+use self::v4l2::{AUTO, CameraSource, Wish, cameras, start_one};
 use crate::config::Script;
 use facewire_board::ImpairmentSet;
 
@@ -47,33 +46,21 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
         Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
         Some(Err(expected)) => Err(CaptureError::Absent(format!("{device} is no rehearsal; give {expected}"))),
         None if is_pipe(device) => Ok(Box::new(PipeSource::open(device, wish, timeout)?)),
-        None if device == AUTO => open_module_or_camera(wish, timeout),
+        None if device == AUTO => open_any(wish, timeout),
         None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
 }
 
-/// Opens the camera module of a Raspberry Pi if its service runs, or else another camera. The module is tried last if it failed before, because it
-/// takes seconds to see that its service does not work.
-fn open_module_or_camera(wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
-    let open_camera =
-        || CameraSource::open(AUTO, wish, timeout).map(|camera| Box::new(camera) as Box<dyn Source + Send>);
-    let Some(module) = module_pipe() else { return open_camera() };
-    let has_failed = failed().iter().any(|path| path == Path::new(module));
-    let earlier = has_failed.then(open_camera);
-    let is_final = |outcome: &Result<_, CaptureError>| matches!(outcome, Ok(_) | Err(CaptureError::NotStopped { .. }));
-    if let Some(outcome) = earlier.filter(is_final) {
-        return outcome;
-    }
-    let error = match PipeSource::open(module, wish, timeout) {
-        Ok(source) => return Ok(Box::new(source)),
-        Err(error) => error,
+/// Opens the camera module of a Raspberry Pi if its service runs, or else another camera.
+fn open_any(wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
+    let module = module_pipe();
+    let open = |path: &Path, note: &str| -> Result<Box<dyn Source + Send>, CaptureError> {
+        match module {
+            Some(module) if path == Path::new(module) => Ok(Box::new(PipeSource::open(module, wish, timeout)?)),
+            _ => Ok(Box::new(CameraSource::open_node(path, note, wish, timeout)?)),
+        }
     };
-    remember(Path::new(module), true);
-    if has_failed {
-        return Err(error);
-    }
-    let outcome = open_camera();
-    if is_final(&outcome) { outcome } else { Err(error) }
+    start_one(module.map(Path::new), cameras, AUTO, wish, open)
 }
 
 /// One frame and the time of its capture, lent by its source until the next call.

@@ -151,7 +151,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 }
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
-    let mut guide = Guide::new(pipeline.solver.model.clone());
+    let mut guide = Guide::new(pipeline.solver.model().clone());
     let mut shown = None;
     let mut watch = Watch::new(HOLD_US);
     let mut observed_us = monotonic_us();

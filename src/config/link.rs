@@ -433,7 +433,7 @@ impl Reader<Vec<LinkSettings>> for Links {
         if entry.value.get_ref().as_array().is_none() {
             return file.refuse(entry, &Takes::Links.to_string());
         }
-        *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
+        *links = file.each(entry, LinkSettings::read);
     }
 }
 

@@ -158,6 +158,19 @@ fn lay(
     if faults.iter().next().is_none() { Ok(settings) } else { Err(faults) }
 }
 
+impl Settings {
+    /// The links without a value that is wrong by itself, each with its place.
+    pub fn readable_links(&self, faults: &Faults) -> Vec<(usize, &LinkSettings)> {
+        let is_readable = |(place, _): &(usize, &LinkSettings)| !faults.has_invalid_value_at(*place);
+        self.links.iter().enumerate().filter(is_readable).collect()
+    }
+
+    /// A key as a fault of the link at this place names it: with the number of the link if there are several.
+    pub fn key_of_link(&self, place: usize, key: &str) -> String {
+        if self.links.len() > 1 { format!("link {}: {key}", place + 1) } else { key.to_owned() }
+    }
+}
+
 /// Returns the board called `name`. [`AUTO`] stands for the board called `detected`.
 fn find_board(name: &str, detected: &str) -> Option<(&'static str, &'static str)> {
     let name = if name == AUTO { detected } else { name };
@@ -202,8 +215,12 @@ fn check(settings: &Settings, faults: &mut Faults) {
     let is_name = name.is_empty() || WearerName::new(name).is_some();
     faults.require(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
     faults.require(!settings.links.is_empty(), "link", "[]", "at least one [[link]]");
-    for rate_hz in settings.links.iter().map(|link| link.pace.rate_hz).filter(|rate_hz| *rate_hz > 0) {
-        let expected = format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");
-        faults.require(rate_hz >= SLOWEST_LINK_HZ, "link.rate_hz", rate_hz, expected);
+    for (place, link) in settings.readable_links(faults) {
+        let rate_hz = link.pace.rate_hz;
+        if (1..SLOWEST_LINK_HZ).contains(&rate_hz) {
+            let expected =
+                format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");
+            faults.conflict(&settings.key_of_link(place, "link.rate_hz"), rate_hz, expected);
+        }
     }
 }

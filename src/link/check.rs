@@ -1,5 +1,6 @@
 //! Links whose settings are valid one by one but cannot work, and what is worth knowing about those that do.
 
+use std::fmt::Display;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -25,15 +26,13 @@ const BITS_PER_BYTE: u64 = 10;
 /// Baud rates that every serial port supports. The last one carries the highest rate that a setting allows.
 const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 
-/// Adds the faults of links. `control` are the paths at which the service's control socket may be. Links with faults of
-/// their own are not judged.
+/// Adds the faults of links. `control` are the paths at which the service's control socket may be. Links with a value that is
+/// wrong by itself are not judged.
 pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Faults) {
-    if faults.has_invalid_value("link") {
-        return;
-    }
-    for (index, link) in settings.links.iter().enumerate() {
-        let earlier = settings.links.get(..index).unwrap_or_default();
-        let mut check = Check { link, earlier, settings, faults };
+    let links = settings.readable_links(faults);
+    for (index, (place, link)) in links.iter().enumerate() {
+        let earlier = links.get(..index).unwrap_or_default();
+        let mut check = Check { place: *place, link, earlier, links: &links, settings, faults };
         if let Some(line) = link.kind.line() {
             check.port(line);
             check.speed(line);
@@ -47,7 +46,7 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
             }
             LinkKind::BusServo(it) => {
                 let expected = "the path of the adapter's port, because anything may be connected to such an adapter";
-                check.faults.require(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
+                check.require(it.device != SerialDevice::Auto, "link.device", "\"auto\"", expected);
                 check.servos(&Capabilities::bus_servo(it.family, it.unit), &it.channels);
                 check.needs_even_steps("bus servo");
             }
@@ -67,27 +66,44 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
 type Line<'a> = (&'a SerialDevice, u32, Attached);
 
 struct Check<'a> {
+    /// The place of the link among all links.
+    place: usize,
     link: &'a LinkSettings,
-    earlier: &'a [LinkSettings],
+    earlier: &'a [(usize, &'a LinkSettings)],
+    links: &'a [(usize, &'a LinkSettings)],
     settings: &'a Settings,
     faults: &'a mut Faults,
 }
 
-impl Check<'_> {
+impl<'a> Check<'a> {
+    fn earlier(&self) -> impl Iterator<Item = &'a LinkSettings> + use<'a> {
+        self.earlier.iter().map(|(_, link)| *link)
+    }
+
+    fn conflict(&mut self, key: &str, value: impl Display, expected: impl Display) {
+        self.faults.conflict(&self.settings.key_of_link(self.place, key), value, expected);
+    }
+
+    fn require(&mut self, is_good: bool, key: &str, value: impl Display, expected: impl Display) {
+        if !is_good {
+            self.conflict(key, value, expected);
+        }
+    }
+
     /// Adds a fault for a serial port that two links share, and for "auto" beside another port. Only the text counts: two
     /// names may mean the same device for a while, and the links then wait for each other.
     fn port(&mut self, (device, _, auto): Line<'_>) {
         let is_auto = *device == SerialDevice::Auto;
         let is_same = |(other, _, other_auto): Line<'_>| other == device && (other_auto == auto || !is_auto);
-        let is_taken = self.earlier.iter().filter_map(|link| link.kind.line()).any(is_same);
+        let is_taken = self.earlier().filter_map(|link| link.kind.line()).any(is_same);
         let expected = "another port, or remove this link: an earlier link has the same port";
-        self.faults.require(!is_taken, "link.device", quoted(&device.to_string()), expected);
-        let mut others = self.settings.links.iter().filter_map(|link| link.kind.line());
+        self.require(!is_taken, "link.device", quoted(&device.to_string()), expected);
+        let mut others = self.links.iter().filter_map(|(_, link)| link.kind.line());
         let beside = others.find(|(other, _, other_auto)| *other_auto == auto && **other != SerialDevice::Auto);
         if let (true, Some((other, ..))) = (is_auto, beside) {
             let why = format!("another link has the port {other}, which \"auto\" may find, too");
             let expected = format!("the path of a port, or remove this link: {why}");
-            self.faults.conflict("link.device", "\"auto\"", expected);
+            self.conflict("link.device", "\"auto\"", expected);
         }
     }
 
@@ -125,32 +141,32 @@ impl Check<'_> {
             None => slower(baud),
         };
         let because = format!("{rate_hz} packets a second need more than {share} % of the line at {device}");
-        self.faults.conflict("link.baud", baud, format!("{advice}: {because}"));
+        self.conflict("link.baud", baud, format!("{advice}: {because}"));
     }
 
     fn chip(&mut self, Pca9685Settings { bus, address, .. }: &Pca9685Settings) {
         let is_same = |link: &LinkSettings| matches!(&link.kind, LinkKind::Pca9685(it) if (it.bus, it.address) == (*bus, *address));
         let expected = "another bus or address: an earlier link has the same chip";
-        self.faults.require(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
+        self.require(!self.earlier().any(is_same), "link.address", format!("{address:#04x}"), expected);
     }
 
     fn servos(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
-        self.faults.require(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
+        self.require(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
         let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
-        self.faults.require(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
+        self.require(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
         self.channels(board, channels);
     }
 
     fn needs_even_steps(&mut self, board: &str) {
         let expected = format!("\"rate\" for a {board}: its speed limits are kept by even steps");
-        self.faults.require(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
+        self.require(self.link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
     }
 
     fn channels(&mut self, board: &Capabilities, channels: &[ChannelSettings]) {
         // A source with a typing error counts for nothing.
-        let has_sources = !self.faults.has_any_in("link.channel.sources");
+        let has_sources = !self.faults.has_any_in("link.channel.sources", self.place);
         for Fault { key, value, expected } in faults(board, channels, has_sources) {
-            self.faults.conflict(key, value, expected);
+            self.conflict(key, value, expected);
         }
     }
 
@@ -159,17 +175,17 @@ impl Check<'_> {
     fn universe(&mut self, universe: u32, from: Option<SocketAddr>, channels: &[ChannelSettings]) {
         let kind = &self.link.kind;
         let place = |kind: &LinkKind| (kind.name(), kind.universe().map(|(number, _)| number), kind.address());
-        let is_taken = self.earlier.iter().any(|earlier| place(&earlier.kind) == place(kind));
+        let is_taken = self.earlier().any(|earlier| place(&earlier.kind) == place(kind));
         let expected = "another universe or address, or all channels in one link: an earlier link has the same";
-        self.faults.require(!is_taken, "link.universe", universe, expected);
+        self.require(!is_taken, "link.universe", universe, expected);
         let expected = "1 to 63999: sACN counts universes from 1, where Art-Net has 0";
-        self.faults.require(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
+        self.require(universe > 0 || matches!(kind, LinkKind::ArtNet(_)), "link.universe", universe, expected);
         let pace = self.link.pace.pace;
         let rate_hz = self.link.rate_hz(self.settings.send.rate_hz);
         let expected = "\"rate\" for DMX: unchanged values are sent less often anyway";
-        self.faults.require(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
+        self.require(pace == PaceKind::Rate, "link.pace", quoted(pace.name()), expected);
         let expected = format!("{SLOWEST_LINK_HZ} to {MOST_HZ}: a DMX line carries no more");
-        self.faults.require(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
+        self.require(rate_hz <= MOST_HZ, "link.rate_hz", rate_hz, expected);
         self.channels(&Capabilities::DMX, channels);
         if let Some(from) = from {
             self.sender(from);
@@ -180,35 +196,35 @@ impl Check<'_> {
     fn sender(&mut self, from: SocketAddr) {
         let from_of = |link: &LinkSettings| link.kind.universe().and_then(|(_, from)| from);
         let is_same = |other| from.port() > 0 && is_same_port(other, from);
-        let is_taken = self.earlier.iter().filter_map(from_of).any(is_same);
+        let is_taken = self.earlier().filter_map(from_of).any(is_same);
         let receiver = self.link.kind.address().and_then(|address| address.as_str().parse().ok());
         let is_mixed = receiver.is_some_and(|receiver: SocketAddr| receiver.is_ipv4() != from.is_ipv4());
         for (is_wrong, expected) in [
             (is_taken, "another port, or 0 for any, because an earlier link sends from there"),
             (is_mixed, "an address like that of the receiver: one is of IPv4 and the other of IPv6"),
         ] {
-            self.faults.require(!is_wrong, "link.from", quoted(&from.to_string()), expected);
+            self.require(!is_wrong, "link.from", quoted(&from.to_string()), expected);
         }
     }
 
     fn listener(&mut self, it: &IFacialMocapSettings) {
         let Some(listen) = it.listen else {
             let expected = "an address to listen at, or link.address";
-            return self.faults.require(it.address.is_some(), "link.listen", "\"\"", expected);
+            return self.require(it.address.is_some(), "link.listen", "\"\"", expected);
         };
         let is_shared = |link: &LinkSettings| match &link.kind {
             LinkKind::IFacialMocap(it) => it.listen.is_some_and(|other| is_same_port(other, listen)),
             _ => false,
         };
         let expected = "another port, because an earlier link listens there, or \"\" with link.address";
-        self.faults.require(!self.earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
+        self.require(!self.earlier().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
     }
 
     fn socket(&mut self, it: &JsonSettings, control: &[PathBuf]) {
         let JsonTarget::Unix(path) = &it.to else { return };
         let is_path = |other: &Path| other == path;
         let serves = |link: &LinkSettings| matches!(&link.kind, LinkKind::Json(earlier) if earlier == it);
-        let user = if self.earlier.iter().any(serves) {
+        let user = if self.earlier().any(serves) {
             "an earlier link"
         } else if matches!(&self.settings.metrics.listen, Listen::Unix(other) if is_path(other)) {
             "metrics.listen"
@@ -218,13 +234,13 @@ impl Check<'_> {
             return;
         };
         let value = quoted(&format!("unix:{}", path.display()));
-        self.faults.conflict("link.to", value, format!("another path: {user} has this one"));
+        self.conflict("link.to", value, format!("another path: {user} has this one"));
     }
 
     /// Adds the faults of a link to VRChat that names an unknown parameter, or sends none.
     fn parameters(&mut self, it: &VrchatSettings) {
         for name in it.parameters.names().filter(|name| PARAMETERS.iter().all(|known| known.name != *name)) {
-            self.faults.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
+            self.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
         }
         let has_form = it.floats || it.bits > 0;
         let has_group = it.shapes || it.compounds || it.head;
@@ -237,7 +253,7 @@ impl Check<'_> {
             ("link.floats", "link.bits or link.parameters")
         };
         let expected = format!("true, or {others}, because no parameter is sent otherwise");
-        self.faults.conflict(key, false, expected);
+        self.conflict(key, false, expected);
     }
 }
 
@@ -328,22 +344,25 @@ mod tests {
             ),
             (&[BUS, "pace = \"pose\"\n", SERVO], "link.pace = another pace: give \"rate\" for a bus servo:"),
             (&[&BUS.replace("/dev/ttyUSB0", "auto"), SERVO], "link.device = \"auto\": give the path of the ad"),
-            (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
-            (&[MAESTRO, JAW, MAESTRO, JAW], "link.device = \"auto\": give another port, or remove this link"),
-            (&[SERIAL, acm0, SERIAL], "link.device = \"auto\": give the path of a port, or remove this link"),
+            (
+                &[PCA9685, JAW, PCA9685, JAW],
+                "link 2: link.address = 0x40: give another bus or address: an earlier link has",
+            ),
+            (&[MAESTRO, JAW, MAESTRO, JAW], "link 2: link.device = \"auto\": give another port, or remove this link"),
+            (&[SERIAL, acm0, SERIAL], "link 2: link.device = \"auto\": give the path of a port, or remove this link"),
             (&[MAESTRO, JAW, SERIAL], ""),
             // Two names may mean one port at present, and two others later.
             (&[SERIAL, acm0, SERIAL, by_id], ""),
             (&[SACN, any_port, SACN, silent, "universe = 2\n", ARTNET, any_port, ARTNET, elsewhere], ""),
-            (&[SACN, SACN], "link.universe = 1: give another universe or address, or all channels in one link"),
+            (&[SACN, SACN], "link 2: link.universe = 1: give another universe or address, or all channels in one link"),
             (&[SACN, "universe = 0\n"], "link.universe = 0: give 1 to 63999: sACN counts universes from 1, where Art-"),
             (&[ARTNET, "rate_hz = 45\n"], "link.rate_hz = 45: give 10 to 44: a DMX line carries no more"),
-            (&[SACN, artnet_port, ARTNET, artnet_port], "link.from = \"0.0.0.0:6454\": give another port"),
+            (&[SACN, artnet_port, ARTNET, artnet_port], "link 2: link.from = \"0.0.0.0:6454\": give another port"),
             (&[SACN, "from = \"[::1]:0\"\n"], "link.from = \"[::1]:0\": give an address like that of the receiver"),
             (&[ARTNET, "pace = \"pose\"\n"], "link.pace = \"pose\": give \"rate\" for DMX"),
             (&[SACN, &jaw_at_512], "link.channel.channel = 512: give 1 to 511: these are the channels of a universe"),
             (&[JSON], ""),
-            (&[JSON, JSON], "link.to = \"unix:/run/x\": give another path: an earlier link has this one"),
+            (&[JSON, JSON], "link 2: link.to = \"unix:/run/x\": give another path: an earlier link has this one"),
             (&["[metrics]\nlisten = \"unix:/run/x\"\n", JSON], "link.to = \"unix:/run/x\": give another path: metr"),
             (&[&JSON.replace("/x", "/control")], "link.to = \"unix:/run/control\": give another path: the control"),
             (&[IFACIALMOCAP, "listen = \"\"\n"], "link.listen = \"\": give an address to listen at, or link.address"),
@@ -362,13 +381,43 @@ mod tests {
     }
 
     #[test]
+    fn a_wrong_value_hides_no_fault_of_another_link_and_each_fault_names_its_link() {
+        let misspelt = JAW.replace("jawOpen", "jawOpn");
+        let sourceless = JAW.replace("jawOpen = 1.0", "");
+        let found = faults(&[
+            SACN,
+            "priority = 201\n",
+            SACN,
+            SACN,
+            MAESTRO,
+            &misspelt,
+            PCA9685,
+            &sourceless,
+            SERIAL,
+            "rate_hz = 9\n",
+        ]);
+        let wanted = [
+            "file:3: link.priority = 201: give",
+            "file:12: link.channel.sources.jawOpn is not a setting",
+            "link 6: link.rate_hz = 9: give 0 or at least 10",
+            "link 3: link.universe = 1: give another universe",
+            "link 5: link.channel.sources = {}: give",
+        ];
+        assert_eq!(found.lines().count(), wanted.len(), "{found}");
+        assert!(found.lines().zip(wanted).all(|(fault, want)| fault.starts_with(want)), "{found}");
+        // Nothing is known of the port of the first link.
+        assert_eq!(faults(&[SERIAL, "device = 5\n", SERIAL]).lines().count(), 1);
+    }
+
+    #[test]
     fn two_links_that_listen_at_one_port_are_refused() {
         let taken = ["127.0.0.1:5000", "0.0.0.0:5000", "[::]:5000"].map(|at| (at, true));
         let free = ["127.0.0.1:5001", "127.0.0.2:5000", "[::1]:5000"].map(|at| (at, false));
         for (earlier, is_refused) in taken.into_iter().chain(free) {
             let [one, other] = [earlier, "127.0.0.1:5000"].map(|listen| format!("listen = \"{listen}\"\n"));
             let faults = faults(&[IFACIALMOCAP, &one, IFACIALMOCAP, &other]);
-            let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
+            let want =
+                "link 2: link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
             assert_eq!((faults.starts_with(want), faults.is_empty()), (is_refused, !is_refused), "{faults}");
         }
     }

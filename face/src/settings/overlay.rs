@@ -15,6 +15,8 @@ const LEAST_SIMILARITY: f64 = 0.6;
 #[derive(Debug)]
 struct Fault {
     key: String,
+    /// The place of the table that the fault is in, if that table is one of several.
+    place: Option<usize>,
     /// Whether the value is wrong by itself: of another type, or out of bounds.
     is_invalid_value: bool,
     /// Begins with `file:line:`, unless the fault concerns a whole file or several settings together.
@@ -29,7 +31,7 @@ pub struct Faults(Vec<Fault>);
 impl Faults {
     /// Adds a fault that concerns a whole file.
     pub fn push(&mut self, sentence: String) {
-        self.0.push(Fault { key: String::new(), is_invalid_value: false, sentence });
+        self.0.push(Fault { key: String::new(), place: None, is_invalid_value: false, sentence });
     }
 
     /// Adds the fault that a value is valid by itself, but not together with other settings.
@@ -54,9 +56,15 @@ impl Faults {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key == key)
     }
 
-    /// Whether a key in this table is unknown, or its value wrong.
-    pub fn has_any_in(&self, table: &str) -> bool {
-        self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))
+    /// Whether a value is wrong by itself in the one of several tables that stands at this place.
+    pub fn has_invalid_value_at(&self, place: usize) -> bool {
+        self.0.iter().any(|fault| fault.is_invalid_value && fault.place == Some(place))
+    }
+
+    /// Whether a key in this table is unknown, or its value wrong. The table is part of the one of several at this place.
+    pub fn has_any_in(&self, table: &str, place: usize) -> bool {
+        let is_in = |fault: &Fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
+        self.0.iter().any(|fault| fault.place == Some(place) && is_in(fault))
     }
 
     /// The faults, each in one sentence.
@@ -187,6 +195,8 @@ macro_rules! section {
 pub struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
+    /// The place of the table that is being read, if it is one of several.
+    place: Option<usize>,
     /// The faults found so far, each with its byte offset in the text.
     found: Vec<(usize, Fault)>,
 }
@@ -195,7 +205,7 @@ impl<'a> Overlay<'a> {
     /// Parses the text of the file `source`. A text that is not TOML has syntax errors only: the parser's guess at its
     /// content would give misleading faults.
     pub fn parse(source: &'a str, text: &'a str) -> (Self, DeTable<'a>) {
-        let mut file = Self { source, text, found: Vec::new() };
+        let mut file = Self { source, text, place: None, found: Vec::new() };
         let (document, errors) = DeTable::parse_recoverable(text);
         for error in errors.iter().take(MOST_FAULTS) {
             let start = error.span().map_or(0, |span| span.start);
@@ -217,6 +227,18 @@ impl<'a> Overlay<'a> {
 
     fn is_full(&self) -> bool {
         self.found.len() >= MOST_FAULTS
+    }
+
+    /// Reads each table of an array of tables. Their faults have the tables' places, from 0.
+    pub fn each<T>(&mut self, entry: &Entry<'_>, mut read: impl FnMut(&Entry<'_>, &mut Self) -> T) -> Vec<T> {
+        let tables = entry.each();
+        let read = tables.iter().enumerate().map(|(place, entry)| {
+            self.place = Some(place);
+            read(entry, self)
+        });
+        let read = read.collect();
+        self.place = None;
+        read
     }
 
     /// Lays the table that is the value of an entry over a section.
@@ -266,7 +288,7 @@ impl<'a> Overlay<'a> {
         let before = self.text.get(..start).unwrap_or_default();
         let line = 1 + before.matches('\n').count();
         let sentence = format!("{}:{line}: {sentence}", self.source);
-        self.found.push((start, Fault { key, is_invalid_value, sentence }));
+        self.found.push((start, Fault { key, place: self.place, is_invalid_value, sentence }));
     }
 }
 

@@ -96,6 +96,13 @@ impl Features {
         Self { values, known }
     }
 
+    /// The measures of a face that looks straight ahead, measured from the mean of many people.
+    pub(super) fn at_rest(measures: &[f32; MEASURES]) -> Self {
+        let mut values = [0.0; FEATURES];
+        values.iter_mut().zip(measures).for_each(|(slot, value)| *slot = *value);
+        Self { values, known: Halves::default() }
+    }
+
     /// The feature minus what is left to subtract of its mean over neutral faces.
     pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32) -> f32 {
         let half = HALF_OF_MEASURE.get(id.index()).copied().unwrap_or(Half::Lower);

@@ -10,13 +10,13 @@
 //!
 //! Limits: nothing is learned of a wearer whose face at rest reads like an expression. Only a calibration helps then.
 
-use super::features::{Neutral, Reference, measure};
+use super::features::{Features, Neutral, Reference, measure};
 use super::filter::{approach, difference, passed, square};
 use super::halves::{HALF_OF_MEASURE, Half, Halves, half_of};
 use super::identity::{Identity, Verdict};
 use super::plausible::{BLINKS, GAZE, pick, put};
 use super::{COEFFS, Coefficients, Normalised};
-use crate::model::MEASURES;
+use crate::model::{MEASURES, Model};
 
 const LONGEST_STEP_S: f32 = 0.1;
 /// A longer pause between frames is a gap, seconds: somebody else may have sat down.
@@ -104,6 +104,20 @@ impl NeutralEstimate {
         *forgotten = 0;
         *identity = Identity::default();
         *position = None;
+    }
+
+    /// Reads the wearer's face at rest by the model that gives all later outputs. Begins anew with a face of which one half
+    /// alone is learned, or of which the model makes nothing. Does not allocate.
+    pub(super) fn read_again(&mut self, model: &Model) {
+        self.forget_motion();
+        if self.is_fading {
+            return;
+        }
+        let is_whole = self.halves.upper.evidence_s > 0.0 && self.halves.lower.evidence_s > 0.0;
+        match model.process(&Features::at_rest(&self.mean)) {
+            Ok(Coefficients(outputs)) if is_whole => self.outputs = outputs,
+            _ => self.halves = Halves::default(),
+        }
     }
 
     /// The wearer's face, if it makes up at least half of the reference and the wearer has not left. The lower half of the face
@@ -490,6 +504,23 @@ mod tests {
         estimate.step(NeutralMode::Auto, &REST, gap_s);
         estimate.watch(NeutralMode::Auto, (0..20 * SECOND).map(|frame| speech(0.25, frame)));
         assert!(estimate.forgotten == 0 && estimate.share() > 0.95);
+    }
+
+    #[test]
+    fn another_model_reads_the_learned_face_at_rest_and_begins_anew_with_one_half_of_a_face() {
+        let model = Model::embedded_formulas();
+        let mut estimate = watched(REST.with(&SMILES, 0.1).held(20));
+        let before = estimate.clone();
+        estimate.read_again(&model);
+        let features = Features::new(&REST.face(), Reference::MEAN);
+        let want = model.process(&features).expect("coefficients").0;
+        assert!(strength(&difference(estimate.outputs, want)) < 1e-3, "{:?} in place of {want:?}", estimate.outputs);
+        assert!(strength(&difference(estimate.outputs, before.outputs)) > 0.01);
+        assert_eq!(estimate.reference(), before.reference());
+        let mut estimate = watched(REST.with(&SMILES, 0.5).held(20));
+        assert!(estimate.reference().known.upper > 0.5);
+        estimate.read_again(&model);
+        assert_eq!(estimate.reference(), Reference::MEAN);
     }
 
     #[test]

@@ -75,7 +75,7 @@ pub enum SolveError {
 #[derive(Debug)]
 #[allow(missing_docs, reason = "the types say it")]
 pub struct Solver {
-    pub model: Model,
+    model: Model,
     pub profile: Profile,
     pub shaping: Shaping,
     /// What is done about the neutral face while the profile has none.
@@ -274,6 +274,19 @@ impl Solver {
         (*filters, *crossfade, *last_us) = Default::default();
     }
 
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Replaces the model, and what the last one read in the wearer's face at rest. The output does not jump.
+    pub fn set_model(&mut self, model: Model) {
+        self.history.estimate.read_again(&model);
+        self.history.gaze_offset = Offset::default();
+        self.model = model;
+        self.crossfade();
+    }
+
     /// Replaces the profile. The output does not jump.
     pub fn set_profile(&mut self, profile: Profile) {
         self.profile = profile;
@@ -419,6 +432,31 @@ mod tests {
             assert!(faded.windows(2).all(|pair| (yaw_deg(&pair[1]) - yaw_deg(&pair[0])).abs() < 1.5), "{kind:?}");
             assert!((yaw_deg(&faded[44]) - yaw_deg(&jump[44])).abs() < 0.01, "{kind:?}");
         }
+    }
+
+    #[test]
+    fn another_model_reads_the_wearer_again_and_leads_the_output_over() {
+        let scaled = |factor: f32, offset: f32| {
+            let mut model = Model::embedded();
+            let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
+            layer.output.weights.iter_mut().for_each(|weight| *weight *= factor);
+            layer.output.offsets = [offset; COEFFS];
+            model
+        };
+        // The points of the test's face are not those of a person: only small weights read it as one at rest.
+        let mut solver = Solver::new(scaled(1e-3, 0.0), Profile::default(), solver().shaping);
+        solver.neutral_mode = NeutralMode::Auto;
+        for frame in 0..60 {
+            solver.solve(&turned(0.0), &CAMERA, FRAME_US * frame).expect("a face");
+        }
+        let share = solver.neutral_share();
+        assert!(share > 0.1 && solver.history.gaze_offset != Offset::default());
+        solver.set_model(scaled(2e-3, 0.0));
+        assert_eq!(solver.neutral_share(), share);
+        assert_eq!(solver.history.gaze_offset, Offset::default());
+        assert!(solver.history.crossfade.is_due);
+        solver.set_model(scaled(1e-3, 1e6));
+        assert_eq!(solver.neutral_share(), 0.0, "that model makes nothing of the face");
     }
 
     #[test]

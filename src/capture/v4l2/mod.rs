@@ -33,8 +33,7 @@ use self::clock::DriverClock;
 use self::device::{Buffers, Device, Waker};
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, has_hardware, probe};
-pub(super) use self::select::AUTO;
-use self::select::start_one;
+pub(super) use self::select::{AUTO, start_one};
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_ready, wait};
 use super::delivery::Arrival;
 use super::live::Live;
@@ -68,11 +67,17 @@ impl CameraSource {
     /// or of its links. Sets the mode that is nearest to `wish`. The first frame must come within 5 seconds, and each later
     /// frame within `timeout`. If several cameras fit, the next one is tried if one does not start.
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
-        let start = |node: &Path, note: &str| guarded(node, || Self::start(node, note, wish, timeout));
+        let start = |node: &Path, note: &str| Self::open_node(node, note, wish, timeout);
         if wanted.starts_with('/') {
-            return start(Path::new(wanted), "");
+            start(Path::new(wanted), "")
+        } else {
+            start_one(None, cameras, wanted, wish, start)
         }
-        start_one(cameras(), wanted, wish, start)
+    }
+
+    /// Opens the camera with this node. What the note says follows its name.
+    pub(super) fn open_node(node: &Path, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        guarded(node, || Self::start(node, note, wish, timeout))
     }
 
     fn start(path: &Path, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {

@@ -3,7 +3,9 @@
 //! A camera that cannot be used now, such as one that another program uses, must not keep facewire from the next one. So
 //! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the cameras
 //! with colours, of these the USB cameras, of these the one with the lowest number. Those that failed follow, the last one
-//! that failed at the end. Multi-planar cameras come after all others.
+//! that failed at the end. Multi-planar cameras come after all others. The camera module of a Raspberry Pi, whose service
+//! passes its pictures by a pipe, is tried before all cameras, or if it failed before, after them: it takes seconds to see that
+//! its service does not work.
 
 use std::path::{Path, PathBuf};
 
@@ -43,32 +45,57 @@ fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish
     ranked
 }
 
-/// Calls `start` with the node of one camera after the other, until one starts: every camera if `wanted` is `auto`, else
-/// those whose name or link contains it, in upper or lower case. The text that `start` gets tells the operator about the
-/// other cameras.
-pub(super) fn start_one<T>(
-    Found { cameras, multi_planar, refused }: Found,
-    wanted: &str,
-    wish: &Wish,
-    mut start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
-) -> Result<T, CaptureError> {
-    let begun_us = monotonic_us();
-    let mut errors = Vec::new();
-    let ranked = rank(&failed(), &cameras, wanted, wish);
-    let mut note = if wanted == AUTO { String::new() } else { ambiguity(&ranked) };
-    for Camera { node, .. } in &ranked {
-        match start(node, &note) {
-            Ok(source) => return Ok(source),
+/// What was tried before one source started.
+struct Tries<S> {
+    start: S,
+    /// Tells the operator about the others.
+    note: String,
+    errors: Vec<CaptureError>,
+}
+
+impl<T, S: FnMut(&Path, &str) -> Result<T, CaptureError>> Tries<S> {
+    fn start(&mut self, path: &Path) -> Option<T> {
+        match (self.start)(path, &self.note) {
+            Ok(source) => Some(source),
             Err(error) => {
-                remember(node, true);
-                note += &format!("; passed over {}, because {error}", node.display());
-                errors.push(error);
+                remember(path, true);
+                self.note += &format!("; passed over {}, because {error}", path.display());
+                self.errors.push(error);
+                None
             }
         }
-        if monotonic_us() - begun_us > TRY_FOR_US {
-            break;
-        }
     }
+}
+
+/// Calls `start` with the pipe of the module if there is one, and with the node of one camera after the other, until one
+/// starts: every camera if `wanted` is `auto`, else those whose name or link contains it, in upper or lower case. `find` is
+/// called once a camera is needed. The text that `start` gets tells the operator about the other cameras.
+pub(in crate::capture) fn start_one<T>(
+    module: Option<&Path>,
+    find: impl FnOnce() -> Found,
+    wanted: &str,
+    wish: &Wish,
+    start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
+) -> Result<T, CaptureError> {
+    let failed = failed();
+    let (last, first): (Vec<_>, Vec<_>) =
+        module.into_iter().partition(|module| failed.iter().any(|path| path == module));
+    let mut tries = Tries { start, note: String::new(), errors: Vec::new() };
+    if let Some(source) = first.into_iter().find_map(|module| tries.start(module)) {
+        return Ok(source);
+    }
+    let Found { cameras, multi_planar, refused } = find();
+    let begun_us = monotonic_us();
+    let ranked = rank(&failed, &cameras, wanted, wish);
+    if wanted != AUTO {
+        tries.note += &ambiguity(&ranked);
+    }
+    let has_time = |tried: &usize| *tried == 0 || monotonic_us() - begun_us <= TRY_FOR_US;
+    let in_time = ranked.iter().enumerate().take_while(|(tried, _)| has_time(tried)).map(|(_, camera)| &*camera.node);
+    if let Some(source) = in_time.chain(last).find_map(|path| tries.start(path)) {
+        return Ok(source);
+    }
+    let Tries { mut errors, .. } = tries;
     // Only the end of the process frees a camera that cannot be stopped.
     errors.sort_by_key(|error| !matches!(error, CaptureError::NotStopped { .. }));
     let unread = multi_planar.into_iter().filter(|_| cameras.is_empty());
@@ -217,20 +244,52 @@ mod tests {
             let camera = |(number, _): &(u32, char)| camera(*number, "Webcam", Some(PixelFormat::YUYV));
             let found = Found { cameras: outcomes.iter().map(camera).collect(), ..Found::default() };
             let mut tried = Vec::new();
-            let told = start_one(found, "auto", &WISH, |node, note| {
-                let is_it = |(number, _): &&(u32, char)| node.ends_with(format!("video{number}"));
-                let (number, outcome) = outcomes.iter().find(is_it).unwrap();
-                tried.push(*number);
-                match outcome {
-                    'b' => Err(CaptureError::device(node, "starting it", Errno::BUSY.into())),
-                    's' => Err(CaptureError::NotStopped { path: node.display().to_string(), source: Errno::IO.into() }),
-                    _ => Ok(note.to_owned()),
-                }
-            });
+            let told = start_one(
+                None,
+                || found,
+                "auto",
+                &WISH,
+                |node, note| {
+                    let is_it = |(number, _): &&(u32, char)| node.ends_with(format!("video{number}"));
+                    let (number, outcome) = outcomes.iter().find(is_it).unwrap();
+                    tried.push(*number);
+                    match outcome {
+                        'b' => Err(CaptureError::device(node, "starting it", Errno::BUSY.into())),
+                        's' => {
+                            Err(CaptureError::NotStopped { path: node.display().to_string(), source: Errno::IO.into() })
+                        }
+                        _ => Ok(note.to_owned()),
+                    }
+                },
+            );
             let told = told.unwrap_or_else(|error| error.to_string());
             assert!(told.starts_with(expected) && told.is_empty() == expected.is_empty(), "{told}");
             assert_eq!(tried, expected_tries, "{told}");
         }
+    }
+
+    #[test]
+    fn the_module_is_tried_before_all_cameras_and_after_a_failure_behind_them() {
+        let module = Path::new("/run/select-test");
+        let node = Path::new("/dev/video98");
+        let mut tried = Vec::new();
+        let mut start = |failing: &[&Path]| {
+            tried.clear();
+            let find = || Found { cameras: vec![camera(98, "Webcam", Some(PixelFormat::YUYV))], ..Found::default() };
+            let started = start_one(Some(module), find, "auto", &WISH, |path, note| {
+                tried.push(path.to_owned());
+                let is_failing = failing.contains(&path);
+                if is_failing { Err(CaptureError::Gone) } else { Ok(note.to_owned()) }
+            });
+            (started.ok(), tried.clone())
+        };
+        let (both, module_alone) = ([module.to_owned(), node.to_owned()], [module.to_owned()]);
+        assert_eq!(start(&[]), (Some(String::new()), module_alone.to_vec()));
+        let (note, tried) = start(&[module]);
+        assert!(note.is_some_and(|note| note.starts_with("; passed over /run/select-test, because ")));
+        assert_eq!(tried, both);
+        assert_eq!(start(&[module]).1, [node.to_owned()]);
+        assert_eq!(start(&[module, node]), (None, vec![node.to_owned(), module.to_owned()]));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::FEATURES;
-use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, correct, normalise};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, Reference, correct, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, HeadPose, Model, Neutral, Profile, SolveError};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -47,7 +47,8 @@ impl<'a> Faces<'a> {
         let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
         let mut raw = residual.map_or(raw, |residual| raw.plus(&residual));
         let eyes = appearance.as_ref().map(|appearance| &appearance.looks.eyes);
-        model.look(&mut raw, &normalise(&self.samples[row].landmarks)?, eyes);
+        let from_mean = Features::new(&normalise(&self.samples[row].landmarks)?, Reference::MEAN);
+        model.look(&mut raw, &from_mean, eyes);
         Ok(raw)
     }
 

@@ -1,7 +1,7 @@
 //! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
 //! the wearer holds still and the frames are averaged.
 
-use facewire_face::stages::{Coefficients, FaceMean, Features, normalise};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, Neutral};
 use facewire_packet::control::{Refusal, Take};
 
@@ -63,7 +63,7 @@ impl Seen {
         let [unknown, known] = &self.residuals;
         let residual = if neutral.is_some() { known } else { unknown };
         let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
-        model.look(&mut raw, &self.face, self.eyes.as_ref());
+        model.look(&mut raw, &Features::new(&self.face, Reference::MEAN), self.eyes.as_ref());
         Some(raw.0)
     }
 }

@@ -81,19 +81,30 @@ pub struct Features {
 impl Features {
     /// The measures of a face minus those of the wearer's neutral face. The model subtracts the remaining share of the mean.
     pub fn new<'a>(face: &Normalised, reference: impl Into<Reference<'a>>) -> Self {
-        let Reference { neutral, known } = reference.into();
-        let mut measures = measure(&face.points);
+        Self::from_mean(face).measured_from(reference.into())
+    }
+
+    /// The features of a face whose neutral face is not known.
+    pub(super) fn from_mean(face: &Normalised) -> Self {
+        // Copies would take longer than the measuring.
+        let mut features = Self { values: [0.0; FEATURES], known: Reference::MEAN.known };
+        let (measures, turns) = features.values.split_at_mut(MEASURES);
+        write_measures(&face.points, measures);
+        // The direction of the face in the picture (right, up), and how much higher its left side is than its right.
+        let [yaw, pitch] = face.turns();
+        turns.copy_from_slice(&[yaw, pitch, face.rotation.m21]);
+        features
+    }
+
+    /// These features of [`Self::from_mean`], measured from another reference.
+    pub(super) fn measured_from(mut self, Reference { neutral, known }: Reference) -> Self {
         if let Some(neutral) = neutral {
-            for ((value, rest), half) in measures.iter_mut().zip(neutral.measures.iter()).zip(&HALF_OF_MEASURE) {
+            for ((value, rest), half) in self.values.iter_mut().zip(neutral.measures.iter()).zip(&HALF_OF_MEASURE) {
                 *value -= known.of(*half) * rest;
             }
         }
-        let mut values = [0.0; FEATURES];
-        // The direction of the face in the picture (right, up), and how much higher its left side is than its right.
-        let [yaw, pitch] = face.turns();
-        let all = measures.into_iter().chain([yaw, pitch, face.rotation.m21]);
-        values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
-        Self { values, known }
+        self.known = known;
+        self
     }
 
     /// The measures of a face that looks straight ahead, measured from the mean of many people.
@@ -103,10 +114,17 @@ impl Features {
         Self { values, known: Halves::default() }
     }
 
-    /// The feature minus what is left to subtract of its mean over neutral faces.
-    pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32) -> f32 {
-        let half = HALF_OF_MEASURE.get(id.index()).copied().unwrap_or(Half::Lower);
-        self.get(id) - (1.0 - self.known.of(half)) * neutral_mean
+    /// What is still to be subtracted from these features: a share of the mean of many people alone.
+    pub(super) fn remaining(&self) -> Reference<'static> {
+        Reference { neutral: None, known: self.known }
+    }
+
+    /// The feature minus what is still to be subtracted of the neutral face and of the feature's mean over neutral faces.
+    pub(super) fn displacement(&self, id: FeatureId, neutral_mean: f32, reference: Reference) -> f32 {
+        let index = id.index();
+        let known = reference.known.of(HALF_OF_MEASURE.get(index).copied().unwrap_or(Half::Lower));
+        let rest = reference.neutral.and_then(|neutral| neutral.measures.get(index)).copied().unwrap_or(0.0);
+        self.get(id) - known * rest - (1.0 - known) * neutral_mean
     }
 
     pub(super) fn get(&self, id: FeatureId) -> f32 {
@@ -121,14 +139,19 @@ impl Features {
 
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     let mut values = [0.0; MEASURES];
-    let (coordinates, distances) = values.split_at_mut(COORDINATES);
+    write_measures(points, &mut values);
+    values
+}
+
+/// Writes the [`MEASURES`] of a face.
+fn write_measures(points: &[[f32; 3]; LANDMARKS], measures: &mut [f32]) {
+    let (coordinates, distances) = measures.split_at_mut(COORDINATES);
     coordinates.copy_from_slice(points.as_flattened());
     for (value, (a, b)) in distances.iter_mut().zip(DISTANCES) {
         if let (Some(a), Some(b)) = (points.get(a), points.get(b)) {
             *value = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt();
         }
     }
-    values
 }
 
 #[cfg(test)]

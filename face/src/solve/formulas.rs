@@ -182,7 +182,7 @@ mod tests {
         let neutral = Neutral::from_points(&face.points).expect("a neutral face");
         let jaw = |known| {
             let reference = Reference::between(&neutral, known);
-            model.solve(&face, &Features::new(&face, reference), reference).expect("finite").0[JAW_OPEN]
+            model.solve(&features, reference).expect("finite").0[JAW_OPEN]
         };
         assert!((jaw(0.0) - jaw(1.0)).abs() > 0.05);
         assert!((jaw(0.25) - (0.75 * jaw(0.0) + 0.25 * jaw(1.0))).abs() < 1e-6);

@@ -14,7 +14,7 @@ use facewire_packet::FULL_GAZE_DEG;
 use super::correction::smoothstep;
 use super::filter::{LONGEST_STEP_S, passed, towards};
 use super::plausible::{BLINKS, GAZE, pick, put};
-use super::{COEFFS, Coefficients, Features, Normalised, Reference};
+use super::{COEFFS, Coefficients, Features};
 use crate::model::{EyesLayer, GazeLayer, Model};
 use crate::track::EyeValues;
 
@@ -78,7 +78,7 @@ impl GazeLayer {
     pub(super) fn process(&self, features: &Features) -> [f32; 2] {
         let mut turns_deg = self.offsets.neutral_unknown;
         for input in &self.inputs {
-            let value = features.displacement(input.feature, input.neutral);
+            let value = features.displacement(input.feature, input.neutral, features.remaining());
             turns_deg.iter_mut().zip(input.weights).for_each(|(sum, weight)| *sum += value * weight);
         }
         turns_deg.map(bounded_turn_deg)
@@ -106,18 +106,18 @@ impl EyesLayer {
 impl Model {
     /// Returns the turns to the person's left and upwards that the map sees, degrees. They are measured from the mean of many
     /// people, because another neutral face would shift them at once, and the wearer's offset would follow only slowly.
-    pub(super) fn map_of_gaze(&self, face: &Normalised) -> Option<[f32; 2]> {
-        self.gaze.as_ref().map(|layer| layer.process(&Features::new(face, Reference::MEAN)))
+    pub(super) fn map_of_gaze(&self, from_mean: &Features) -> Option<[f32; 2]> {
+        self.gaze.as_ref().map(|layer| layer.process(from_mean))
     }
 
-    /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them.
-    pub fn look(&self, raw: &mut Coefficients, face: &Normalised, eyes: Option<&EyeValues>) {
+    /// Blends what the pictures of the eyes show into the gaze of the regression, if the model reads them. The features are
+    /// measured from the mean of many people.
+    pub fn look(&self, raw: &mut Coefficients, from_mean: &Features, eyes: Option<&EyeValues>) {
         if let Some((layer, eyes)) = self.eyes.as_ref().zip(eyes) {
             let seen = Gaze::of(raw);
-            let features = Features::new(face, Reference::MEAN);
             let shut = pick(&raw.0, BLINKS).into_iter().fold(0.0, f32::max);
             let share = PICTURE_SHARE * (1.0 - smoothstep(shut, LIDS_HIDE));
-            let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(&features, eyes), share);
+            let yaw_pitch_deg = towards(seen.yaw_pitch_deg, layer.process(from_mean, eyes), share);
             Gaze { yaw_pitch_deg, ..seen }.write(&mut raw.0);
         }
     }
@@ -249,13 +249,14 @@ mod tests {
         let eyes = EyesLayer { inputs, weights: weights.into(), offsets, outputs };
         let model = Model { eyes: Some(eyes), ..Model::embedded() };
         let head = normalise(&face([30.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let features = Features::from_mean(&head);
         for (value, shut, found_deg) in [(3.0, 0.0, [22.0, -1.0]), (-3.0, 0.0, [10.0, 5.0]), (3.0, 0.7, [1.0, 2.0])] {
             let mut raw = Coefficients([0.0; COEFFS]);
             let mut values = EyeValues::default();
             Gaze { yaw_pitch_deg: [1.0, 2.0], vergence_deg: 1.0 }.write(&mut raw.0);
             values[1][3] = value;
             put(&mut raw.0, BLINKS, [shut, 0.0]);
-            model.look(&mut raw, &head, Some(&values));
+            model.look(&mut raw, &features, Some(&values));
             let want = towards([1.0, 2.0], found_deg, PICTURE_SHARE);
             let got = Gaze::of(&raw).yaw_pitch_deg;
             assert!(got.iter().zip(want).all(|(got, want)| (got - want).abs() < 0.1), "{got:?} in place of {want:?}");

@@ -8,7 +8,7 @@ use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::features::{Features, Reference};
 use super::halves::{Halves, half_of};
-use super::{COEFFS, Coefficients, Normalised, SolveError, filter::towards};
+use super::{COEFFS, Coefficients, SolveError, filter::towards};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
 
@@ -71,21 +71,18 @@ impl Model {
         }
     }
 
-    /// Computes the coefficients of a face with these features, which are measured from `reference`. Does not allocate.
-    pub(crate) fn solve(
-        &self,
-        face: &Normalised,
-        features: &Features,
-        reference: Reference,
-    ) -> Result<Coefficients, SolveError> {
+    /// Computes the coefficients of a face by its features from the mean of many people, measured from `reference`. Does not
+    /// allocate.
+    pub(crate) fn solve(&self, from_mean: &Features, reference: Reference) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.neutral) {
+            (Regression::HiddenLayer(layer), _) => sane(layer.process(from_mean, reference)),
             // Both halves are known alike: `reference_for` sees to it.
-            (Regression::Formulas(_), Some(_)) if reference.known.lower < 1.0 => {
-                let unknown = self.process(&Features::new(face, Reference::MEAN))?;
-                let known = self.process(&Features::new(face, reference.neutral))?;
+            (Regression::Formulas(_), Some(neutral)) if reference.known.lower < 1.0 => {
+                let unknown = self.process(from_mean)?;
+                let known = self.process(&from_mean.clone().measured_from(Reference::between(neutral, 1.0)))?;
                 Ok(Coefficients(towards(unknown.0, known.0, reference.known.lower)))
             }
-            _ => self.process(features),
+            (Regression::Formulas(_), _) => self.process(&from_mean.clone().measured_from(reference)),
         }
     }
 
@@ -93,7 +90,7 @@ impl Model {
     /// the nearer case. A result that no coefficient has is [`SolveError::Absurd`]. Does not allocate.
     pub fn process(&self, features: &Features) -> Result<Coefficients, SolveError> {
         sane(match &self.regression {
-            Regression::HiddenLayer(layer) => layer.process(features),
+            Regression::HiddenLayer(layer) => layer.process(features, features.remaining()),
             Regression::Formulas(formulas) => formulas.process(features),
         })
     }
@@ -125,12 +122,12 @@ fn sane(results: [f32; COEFFS]) -> Result<Coefficients, SolveError> {
 const BATCH: usize = 64;
 
 impl HiddenLayer {
-    fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let mut hidden = towards(self.offsets_unknown, self.offsets_known, features.known.mean());
+    fn process(&self, features: &Features, reference: Reference) -> [f32; COEFFS] {
+        let mut hidden = towards(self.offsets_unknown, self.offsets_known, reference.known.mean());
         for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.weights.as_chunks().0.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
-                *value = features.displacement(input.feature, input.neutral);
+                *value = features.displacement(input.feature, input.neutral, reference);
             }
             add_rows(&mut hidden, weights, &values);
         }

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::{
     Adjustments, COEFFS, Camera, Coefficients, Features, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode,
-    Normalised, Reference, Rules, correct,
+    Reference, Rules, correct,
     gaze::Offset,
     halves::{Half, half_of},
     mirror_image,
@@ -185,11 +185,11 @@ impl Solver {
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.estimated());
         let known = reference.known;
-        let features = Features::new(&face, reference);
-        let turns_deg = self.model.map_of_gaze(&face);
-        let mut raw = self.raw(&face, &features, reference, appearance)?;
+        let from_mean = Features::from_mean(&face);
+        let turns_deg = self.model.map_of_gaze(&from_mean);
+        let mut raw = self.raw(&from_mean, reference, appearance)?;
         if let Some(Appearance { looks, .. }) = appearance {
-            self.model.look(&mut raw, &face, Some(&looks.eyes));
+            self.model.look(&mut raw, &from_mean, Some(&looks.eyes));
             counts.look_at_mouth(&mut raw, &looks.mouth);
         }
         let neutral_face = match calibrated {
@@ -237,26 +237,21 @@ impl Solver {
     /// Computes the coefficients of a face whose halves may be known unlike.
     fn raw(
         &self,
-        face: &Normalised,
-        features: &Features,
+        from_mean: &Features,
         reference: Reference,
         appearance: Option<&Appearance>,
     ) -> Result<Coefficients, SolveError> {
-        let raw = if reference.known.upper > reference.known.lower {
-            // What is known of eyes and brows alone would mislead the regression of the mouth.
-            let alike = reference.of_lower_half();
-            let mut raw = self.model.solve(face, &Features::new(face, alike), alike)?;
+        // What is known of eyes and brows alone would mislead the regression of the mouth.
+        let mut raw = self.model.solve(from_mean, reference.of_lower_half())?;
+        if reference.known.upper > reference.known.lower {
             // If it misleads it beyond all bounds, nothing is taken from it.
-            let upper = self.model.solve(face, features, reference).unwrap_or(raw);
+            let upper = self.model.solve(from_mean, reference).unwrap_or(raw);
             for (place, (value, upper)) in raw.0.iter_mut().zip(upper.0).enumerate() {
                 if half_of(place) == Half::Upper {
                     *value = upper;
                 }
             }
-            raw
-        } else {
-            self.model.solve(face, features, reference)?
-        };
+        }
         let residual = self.model.residual_by_halves(appearance, reference.known)?;
         Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
     }
@@ -402,10 +397,8 @@ mod tests {
         layer.output.weights.iter_mut().for_each(|weight| *weight *= 1e-3);
         let shaping = Shaping::only(Filters::uniform(FilterKind::Off, 0.3));
         let solver = Solver::new(model, Profile::default(), shaping);
-        let raw = |reference| {
-            let features = Features::new(&seen, reference);
-            solver.raw(&seen, &features, reference, None).expect("coefficients").0
-        };
+        let from_mean = Features::from_mean(&seen);
+        let raw = |reference| solver.raw(&from_mean, reference, None).expect("coefficients").0;
         let unknown = raw(Reference::MEAN);
         let known = Halves { upper: 1.0, lower: 0.0 };
         let known = raw(Reference { known, ..Reference::between(&neutral, 1.0) });

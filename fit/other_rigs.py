@@ -14,14 +14,16 @@ prints for each video
     MSE    mean squared error, mean over 51 coefficients (all but tongueOut)
     slope  of the estimate over the truth, mean over those that move
 
-and then the same for each coefficient, the means over the videos. A frame without a face counts as a face at rest.
+and then the same for each coefficient, the means over the videos. A frame without a face counts
+as a face at rest, and their number is printed.
 
 One artist's smile of 1 is larger than another's: compare r, and slopes with those of another tracker on the same videos. The
-mean squared error contains the difference of the artists' amplitudes.
+mean squared error contains the difference of the artists' amplitudes. MediaPipe learns no neutral face, so that `auto` is
+what to compare it with.
 
     npm pack three@0.187.0 && tar xzf three-0.187.0.tgz
     pip install numpy mediapipe==0.10.14
-    fit/other_rigs.py render rigs/ brunette.glb facecap.glb --three package/ --lights front
+    fit/other_rigs.py render rigs/ facecap.glb bob.glb --three package/ --lights front
     fit/other_rigs.py judge rigs/*.avi --mediapipe face_landmarker.task
     fit/other_rigs.py judge rigs/*.avi --model new.toml
 
@@ -30,6 +32,7 @@ program if it is not in the path. `render` needs chromium, ffmpeg and Mesa.
 """
 
 import argparse
+import contextlib
 import csv
 import functools
 import http.server
@@ -183,8 +186,9 @@ def render(head, light, three, values, pose, video):
         "/sequence": json.dumps({"names": NAMES, "frames": frames, "light": light}).encode(),
         "/three/": three,
     }
+    unfinished = video.with_suffix(".part")
     ffmpeg = f"ffmpeg -v error -y -f image2pipe -c:v mjpeg -framerate {FPS} -i - -c copy".split()
-    writer = subprocess.Popen([*ffmpeg, video], stdin=subprocess.PIPE)
+    writer = subprocess.Popen([*ffmpeg, "-f", "avi", unfinished], stdin=subprocess.PIPE)
     end = []
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Studio, files, writer.stdin, end))
     server.latest = threading.Event()
@@ -200,12 +204,16 @@ def render(head, light, three, values, pose, video):
                     end.append(f"Chromium sent nothing for {PATIENCE_S} s")
                 server.latest.clear()
         finally:
-            browser.terminate()
+            browser.kill()
             browser.wait()
-    server.shutdown()
-    writer.stdin.close()
-    if writer.wait() or end[0]:
+            server.shutdown()
+            server.server_close()
+            with contextlib.suppress(BrokenPipeError):
+                writer.stdin.close()
+            failed = writer.wait()
+    if failed or end[0]:
         raise SystemExit(f"{head}: {end[0] or 'FFmpeg failed'}")
+    unfinished.rename(video)
 
 
 def render_all(arguments):
@@ -223,9 +231,10 @@ def render_all(arguments):
         for light in arguments.lights:
             video = arguments.folder / f"{head.stem}-{light}.avi"
             print(f"{video}: {len(values)} frames", file=sys.stderr)
-            render(head, light, arguments.three, values, pose, video)
+            curves_of_mediapipe(video).unlink(missing_ok=True)
             table = [[index, *row] for index, row in enumerate(values.round(4).tolist())]
             write(video.with_suffix(".csv"), ["frame", *NAMES], table)
+            render(head, light, arguments.three, values, pose, video)
 
 
 # --- judging ---
@@ -238,11 +247,15 @@ def write(path, header, rows):
 
 
 def read(path):
-    """Returns the columns of a table by their names in lower case. What is missing is 0."""
+    """Returns the columns of a table by their names in lower case. They are 0 in frames without a face, in which values are missing
+    or the state is not live."""
     with open(path, newline="") as file:
         rows = [{name.lower(): value for name, value in row.items()} for row in csv.DictReader(file)]
     names = [name.lower() for name in NAMES]
-    return {name: np.nan_to_num([float(row[name] or 0) for row in rows]) for name in names}
+    seen = np.array([row.get("state", "live") == "live" and row["jawopen"] != "" for row in rows])
+    if not seen.all():
+        print(f"{path}: no face in {np.count_nonzero(~seen)} of {len(rows)} frames", file=sys.stderr)
+    return {name: np.nan_to_num([float(row[name] or 0) for row in rows]) * seen for name in names}
 
 
 def track(video, *options):
@@ -250,18 +263,23 @@ def track(video, *options):
     with tempfile.TemporaryDirectory() as folder:
         out = f"{folder}/curves.csv"
         command = [os.environ.get("FACEWIRE", "facewire"), "track", video, *options, "--out", out]
-        subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+        ended = subprocess.run(command, stderr=subprocess.PIPE, text=True)
+        if ended.returncode:
+            raise SystemExit(f"{video}: {ended.stderr.strip()}")
         return read(out)
 
 
 def by_mediapipe(video, model):
     """Returns the curves of one video by MediaPipe, and keeps them beside the video."""
-    path = video.with_name(f"{video.stem}.mediapipe.csv")
-    if not path.exists():
-        if not model:
-            return None
+    path = curves_of_mediapipe(video)
+    if model:
         write(path, ["frame", *NAMES], list(mediapipe_rows(video, model)))
-    return read(path)
+    return read(path) if path.exists() else None
+
+
+def curves_of_mediapipe(video):
+    """Returns the path of MediaPipe's curves of a video."""
+    return video.with_name(f"{video.stem}.mediapipe.csv")
 
 
 def mediapipe_rows(video, model):
@@ -332,7 +350,7 @@ def judge_all(arguments):
     rows = np.array(all_rows)
     each = np.nanmean(rows, axis=2)
     of_videos = [(video.stem, row) for video, row in zip(arguments.videos, each)]
-    print_table("video", heads, [*of_videos, ("**mean**", each.mean(0))])
+    print_table("video", heads, [*of_videos, ("**mean of the videos**", each.mean(0))])
     means = np.nanmean(rows, axis=0)
     order = range(len(NAMES))
     if "MediaPipe" in heads:

@@ -439,6 +439,7 @@ fn a_camera_module_whose_service_gives_no_picture_is_tried_after_the_other_camer
     mknodat(CWD, machine.module(), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
     let (service, receiver) = machine.serve(AUTO);
     receiver.until(IS_NO_FACE);
+    service.await_log("passed over /run/facewire-camera/video, because ");
     let _feed = Feed::start(&machine.module());
     let failure = Failure { call: "DQBUF", error: Errno::IO, nth: 1 };
     machine.change(0, &Camera { failures: vec![failure], ..camera });

@@ -220,8 +220,7 @@ fn an_installed_library_is_found_by_pkg_config_and_linked_by_the_name_of_its_int
 const SPEECH: [usize; 2] = [86, 16];
 
 /// Checks the values of jawOpen that this script prints for the video `film.i422`, with the library installed: one line for
-/// each picture in each of these formats, each close to the value that the crate finds in the same video before a host converts
-/// it.
+/// each picture in each of these formats. Each must be close to what the crate finds in the picture, which a host has converted.
 fn check_speech(formats: &[&str], script: &str) {
     let folder = tempfile::tempdir().unwrap();
     let film = clip_from(SPEECH[0], SPEECH[1]);

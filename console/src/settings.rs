@@ -225,7 +225,8 @@ pub async fn faults(program: &Program, text: &str) -> io::Result<Vec<Fault>> {
     }
 }
 
-/// Reads a line of `facewire check`, such as `facewire: /dev/stdin:2: camera.fps = 1000: give ...`.
+/// Reads a line of `facewire check`, such as `facewire: /dev/stdin:2: camera.fps = 1000: give ...`. A key of the second of several
+/// links becomes `link.1.KEY`.
 fn fault(line: &str) -> Fault {
     let text = line.strip_prefix("facewire: ").unwrap_or(line);
     let placed = text.strip_prefix("/dev/stdin:").and_then(|rest| rest.split_once(": "));
@@ -233,9 +234,19 @@ fn fault(line: &str) -> Fault {
         Some((line, text)) => (Some(line), text),
         None => (None, text),
     };
-    let word = text.split([' ', ':']).next().unwrap_or_default();
-    let is_key = text[word.len()..].starts_with(" = ") || text[word.len()..].starts_with(" is not a ");
-    Fault { line, key: is_key.then(|| word.to_owned()), text: text.to_owned() }
+    // Of several links, the fault names the number.
+    let numbered = text.strip_prefix("link ").and_then(|rest| rest.split_once(": "));
+    let (link, sentence) = match numbered.and_then(|(number, rest)| Some((number.parse::<usize>().ok()?, rest))) {
+        Some((number, rest)) => (number.checked_sub(1), rest),
+        None => (None, text),
+    };
+    let word = sentence.split([' ', ':']).next().unwrap_or_default();
+    let is_key = sentence[word.len()..].starts_with(" = ") || sentence[word.len()..].starts_with(" is not a ");
+    let key = is_key.then(|| match (link, word.strip_prefix("link.")) {
+        (Some(link), Some(name)) => format!("link.{link}.{name}"),
+        _ => word.to_owned(),
+    });
+    Fault { line, key, text: text.to_owned() }
 }
 
 /// Whether a text has more levels than settings can have. Code that recurses through so many of them could overflow the stack.
@@ -683,6 +694,8 @@ mod tests {
         assert_eq!((unknown.line, unknown.key.as_deref()), (Some(3), Some("camera.foo")));
         let conflict = fault("facewire: link.channel.sources = {}: give at least one source");
         assert_eq!((conflict.line, conflict.key.as_deref()), (None, Some("link.channel.sources")));
+        let of_one = fault("facewire: link 2: link.universe = 1: give another universe or address");
+        assert_eq!((of_one.line, of_one.key.as_deref()), (None, Some("link.1.universe")));
         let broken = fault("facewire: /dev/stdin:1: not valid TOML: unclosed table, expected `]`");
         assert_eq!((broken.line, broken.key), (Some(1), None));
     }

@@ -34,12 +34,10 @@ const PAUSE: Duration = Duration::from_secs(2);
 const QUESTIONS_TO_KNOW: u32 = 3;
 /// How long an answer counts: three questions.
 const LONGEST_SILENCE: Duration = Duration::from_secs(10);
-/// The most datagrams that are received after a question.
-const MOST_DATAGRAMS: usize = 65_536;
-/// The most of them that are read of one machine, whatever they hold, and the most machines of which any are read.
-const MOST_OF_ONE: usize = 128;
-const MOST_SENDERS: usize = 1024;
-/// The most machines whose answers are kept.
+/// The most datagrams that are received after a question, and the most that are read from one machine.
+const MOST_DATAGRAMS: usize = 8192;
+const MOST_OF_ONE: usize = 16;
+/// The most machines whose answers are read, and the most whose answers are kept.
 const MOST_MACHINES: usize = 64;
 /// The most places that a link names beside its receiver.
 const MOST_PLACES: usize = 4;
@@ -173,19 +171,19 @@ fn here(ip: IpAddr, this_machine: &[IpAddr]) -> IpAddr {
     if is_here { Ipv4Addr::LOCALHOST.into() } else { ip }
 }
 
-/// How many more datagrams of each machine are read, so that no machine can use up what others need.
+/// How many more datagrams are read from each machine.
 #[derive(Debug)]
 struct Shares(HashMap<IpAddr, usize>);
 
 impl Shares {
-    /// These receivers have their shares, however many others send.
+    /// These receivers have their shares, however many other machines send.
     fn new<'a>(receivers: impl Iterator<Item = &'a SocketAddr>) -> Self {
         Self(receivers.map(|receiver| (receiver.ip(), MOST_OF_ONE)).collect())
     }
 
     /// Takes a datagram from the share of its sender. Returns whether it is to be read.
     fn take(&mut self, machine: IpAddr) -> bool {
-        let is_full = self.0.len() >= MOST_SENDERS;
+        let is_full = self.0.len() >= MOST_MACHINES;
         let share = if is_full { self.0.get_mut(&machine) } else { Some(self.0.entry(machine).or_insert(MOST_OF_ONE)) };
         let Some(share) = share.filter(|share| **share > 0) else { return false };
         *share -= 1;
@@ -478,7 +476,7 @@ mod tests {
         assert_eq!(read, MOST_OF_ONE);
         assert!(shares.take(machine(1)));
         let read = (2..10_000).filter(|number| shares.take(machine(*number))).count();
-        assert_eq!(read, MOST_SENDERS - 3);
+        assert_eq!(read, MOST_MACHINES - 3);
         assert!(shares.take(machine(1)) && shares.take(receiver.ip()));
     }
 

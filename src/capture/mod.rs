@@ -45,7 +45,7 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
         _ if device == DEMO => Ok(Box::new(Rehearsal::open(None, wish.width, timeout)?)),
         Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
         Some(Err(expected)) => Err(CaptureError::Absent(format!("{device} is no rehearsal; give {expected}"))),
-        None if is_pipe(device) => Ok(Box::new(PipeSource::open(device, wish, timeout)?)),
+        None if is_pipe(device) => Ok(Box::new(PipeSource::open(device, "", wish, timeout)?)),
         None if device == AUTO => open_any(wish, timeout),
         None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
@@ -56,7 +56,7 @@ fn open_any(wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, Ca
     let module = module_pipe();
     let open = |path: &Path, note: &str| -> Result<Box<dyn Source + Send>, CaptureError> {
         match module {
-            Some(module) if path == Path::new(module) => Ok(Box::new(PipeSource::open(module, wish, timeout)?)),
+            Some(module) if path == Path::new(module) => Ok(Box::new(PipeSource::open(module, note, wish, timeout)?)),
             _ => Ok(Box::new(CameraSource::open_node(path, note, wish, timeout)?)),
         }
     };

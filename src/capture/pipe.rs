@@ -53,6 +53,7 @@ pub fn is_pipe(path: &str) -> bool {
 
 pub struct PipeSource {
     path: String,
+    origin: String,
     pipe: File,
     /// What has come and was not decoded yet, up to `filled`.
     buffer: Box<[u8]>,
@@ -68,8 +69,9 @@ pub struct PipeSource {
 }
 
 impl PipeSource {
-    /// Opens the pipe, and waits for the first image, whose size the others must have.
-    pub fn open(path: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+    /// Opens the pipe, and waits for the first image, whose size the others must have. What the note says follows the path in
+    /// the log.
+    pub fn open(path: &str, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let open = File::options().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
         let fail = |error| CaptureError::device(Path::new(path), "opening it", error);
         let pipe = open.map_err(fail)?;
@@ -81,6 +83,7 @@ impl PipeSource {
         let size = [wish.width, wish.height].map(|side| side as usize);
         let mut source = Self {
             path: path.to_owned(),
+            origin: format!("{path}{note}"),
             pipe,
             buffer: vec![0; FIRST_BYTES].into(),
             filled: 0,
@@ -255,7 +258,7 @@ impl Source for PipeSource {
 
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.size;
-        Description { origin: &self.path, format: "JPEG", width, height, rate: None }
+        Description { origin: &self.origin, format: "JPEG", width, height, rate: None }
     }
 }
 
@@ -292,7 +295,7 @@ mod tests {
         early.write_all(&[&image[100..], &image].concat()).unwrap();
         let path = path.to_str().unwrap();
         assert!(is_pipe(path) && !is_pipe(folder.path().to_str().unwrap()));
-        let source = PipeSource::open(path, &WISH, timeout).unwrap();
+        let source = PipeSource::open(path, "", &WISH, timeout).unwrap();
         // Now there is a reader, and no other one than the source is to be left.
         let writer = OpenOptions::new().write(true).open(path).unwrap();
         (source, writer, folder)
@@ -347,7 +350,7 @@ mod tests {
     fn a_pipe_that_is_being_read_is_in_use_by_another_program() {
         let (_source, _writer, folder) = opened(PATIENCE);
         let path = folder.path().join("video");
-        let again = PipeSource::open(path.to_str().unwrap(), &WISH, PATIENCE).err().unwrap().to_string();
+        let again = PipeSource::open(path.to_str().unwrap(), "", &WISH, PATIENCE).err().unwrap().to_string();
         assert!(again.contains("/video is in use by another program"), "{again}");
     }
 
@@ -356,7 +359,7 @@ mod tests {
         let (_folder, path) = pipe();
         let open = std::thread::spawn({
             let path = path.clone();
-            move || PipeSource::open(path.to_str().unwrap(), &WISH, PATIENCE).err().unwrap().to_string()
+            move || PipeSource::open(path.to_str().unwrap(), "", &WISH, PATIENCE).err().unwrap().to_string()
         });
         drop(OpenOptions::new().write(true).open(&path).unwrap());
         let ended = open.join().unwrap();

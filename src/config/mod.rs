@@ -159,9 +159,10 @@ fn lay(
 }
 
 impl Settings {
-    /// The links without a value that is wrong by itself, each with its place.
+    /// The links without a value that is wrong by itself, each with its place. None if some may not have been read.
     pub fn readable_links(&self, faults: &Faults) -> Vec<(usize, &LinkSettings)> {
-        let is_readable = |(place, _): &(usize, &LinkSettings)| !faults.has_invalid_value_at(*place);
+        let is_readable =
+            |(place, _): &(usize, &LinkSettings)| !faults.is_full() && !faults.has_invalid_value_at(*place);
         self.links.iter().enumerate().filter(is_readable).collect()
     }
 

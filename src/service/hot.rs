@@ -378,8 +378,8 @@ impl HotLoop {
         Ok(())
     }
 
-    /// Takes all changes since the last call. Returns whether the camera is to be opened again. What was learned of the
-    /// wearer stays, and a file that was read again and has not changed replaces nothing.
+    /// Takes all changes since the last call. Returns whether the camera is to be opened again. A file that was read again
+    /// and has not changed replaces nothing.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
         while let Ok(HotChange { settings, tracker, model, profile }) = self.changes.try_recv() {
@@ -585,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_face_at_rest_another_method_keeps_what_it_would_have_learned_itself() {
+    fn of_a_face_that_another_method_reads_as_an_expression_no_more_stays_than_that_method_learns() {
         let [network, paper] = [Method::Network, Method::Paper];
         let shares = [[network, network], [network, paper], [paper, paper]].map(known_share);
         // The formulas read this face at rest as one with an expression.

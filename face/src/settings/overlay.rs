@@ -56,12 +56,17 @@ impl Faults {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key == key)
     }
 
-    /// Whether a value is wrong by itself in the one of several tables that stands at this place.
+    /// Whether there may be more faults than were named.
+    pub fn is_full(&self) -> bool {
+        self.0.len() >= MOST_FAULTS
+    }
+
+    /// Whether a value is wrong by itself in the table with this index, of several.
     pub fn has_invalid_value_at(&self, place: usize) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.place == Some(place))
     }
 
-    /// Whether a key in this table is unknown, or its value wrong. The table is part of the one of several at this place.
+    /// Whether a key in this table is unknown, or its value wrong. The table is part of the one with this index, of several.
     pub fn has_any_in(&self, table: &str, place: usize) -> bool {
         let is_in = |fault: &Fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
         self.0.iter().any(|fault| fault.place == Some(place) && is_in(fault))

@@ -86,7 +86,7 @@ impl Features {
 
     /// The features of a face whose neutral face is not known.
     pub(super) fn from_mean(face: &Normalised) -> Self {
-        // Copies would take longer than the measuring.
+        // They are written where they stay: copying all measures would take longer than measuring.
         let mut features = Self { values: [0.0; FEATURES], known: Reference::MEAN.known };
         let (measures, turns) = features.values.split_at_mut(MEASURES);
         write_measures(&face.points, measures);

@@ -107,8 +107,8 @@ impl NeutralEstimate {
     }
 
     /// Reads the wearer's face at rest by the model that gives all later outputs. Begins anew with a face of which one half
-    /// alone is learned, or of which the model makes nothing. Does not allocate.
-    pub(super) fn read_again(&mut self, model: &Model) {
+    /// alone is learned, or that the model cannot read, unless it is used as it is. Does not allocate.
+    pub(super) fn read_again(&mut self, model: &Model, mode: NeutralMode) {
         self.forget_motion();
         if self.is_fading {
             return;
@@ -116,6 +116,7 @@ impl NeutralEstimate {
         let is_whole = self.halves.upper.evidence_s > 0.0 && self.halves.lower.evidence_s > 0.0;
         match model.process(&Features::at_rest(&self.mean)) {
             Ok(Coefficients(outputs)) if is_whole => self.outputs = outputs,
+            _ if mode == NeutralMode::Frozen => {}
             _ => self.halves = Halves::default(),
         }
     }
@@ -507,11 +508,11 @@ mod tests {
     }
 
     #[test]
-    fn another_model_reads_the_learned_face_at_rest_and_begins_anew_with_one_half_of_a_face() {
+    fn another_model_reads_the_learned_face_at_rest_and_begins_anew_with_one_half_that_is_not_frozen() {
         let model = Model::embedded_formulas();
         let mut estimate = watched(REST.with(&SMILES, 0.1).held(20));
         let before = estimate.clone();
-        estimate.read_again(&model);
+        estimate.read_again(&model, NeutralMode::Auto);
         let features = Features::new(&REST.face(), Reference::MEAN);
         let want = model.process(&features).expect("coefficients").0;
         assert!(strength(&difference(estimate.outputs, want)) < 1e-3, "{:?} in place of {want:?}", estimate.outputs);
@@ -519,7 +520,10 @@ mod tests {
         assert_eq!(estimate.reference(), before.reference());
         let mut estimate = watched(REST.with(&SMILES, 0.5).held(20));
         assert!(estimate.reference().known.upper > 0.5);
-        estimate.read_again(&model);
+        let before = estimate.clone();
+        estimate.read_again(&model, NeutralMode::Frozen);
+        assert_eq!(estimate.reference(), before.reference());
+        estimate.read_again(&model, NeutralMode::Auto);
         assert_eq!(estimate.reference(), Reference::MEAN);
     }
 

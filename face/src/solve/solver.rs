@@ -276,7 +276,7 @@ impl Solver {
 
     /// Replaces the model, and what the last one read in the wearer's face at rest. The output does not jump.
     pub fn set_model(&mut self, model: Model) {
-        self.history.estimate.read_again(&model);
+        self.history.estimate.read_again(&model, self.neutral_mode);
         self.history.gaze_offset = Offset::default();
         self.model = model;
         self.crossfade();

@@ -92,10 +92,15 @@ pub(in crate::capture) fn start_one<T>(
     }
     let has_time = |tried: &usize| *tried == 0 || monotonic_us() - begun_us <= TRY_FOR_US;
     let in_time = ranked.iter().enumerate().take_while(|(tried, _)| has_time(tried)).map(|(_, camera)| &*camera.node);
+    let has_failed = !last.is_empty();
     if let Some(source) = in_time.chain(last).find_map(|path| tries.start(path)) {
         return Ok(source);
     }
     let Tries { mut errors, .. } = tries;
+    // Whoever has a module wants to know why it does not work, each time.
+    if has_failed {
+        errors.rotate_right(1);
+    }
     // Only the end of the process frees a camera that cannot be stopped.
     errors.sort_by_key(|error| !matches!(error, CaptureError::NotStopped { .. }));
     let unread = multi_planar.into_iter().filter(|_| cameras.is_empty());

@@ -37,14 +37,39 @@ def units(profile):
 
 
 def copy(source, target):
-    """Adds to the target folder `target` the registry crates of the target folder `source` that it lacks."""
+    """Adds to the target folder `target` the registry crates of the target folder `source` that it lacks. Leaves out the profiles
+    that cargo is building now: it would find files of which it does not know, and others would get unfinished ones."""
     # target/PROFILE, target/TRIPLE/PROFILE
     for fingerprints in [*source.glob("*/.fingerprint"), *source.glob("*/*/.fingerprint")]:
-        for path in units(fingerprints.parent):
-            to = target / path.relative_to(source)
-            if not to.exists():
-                to.parent.mkdir(parents=True, exist_ok=True)
-                place(path, to)
+        profile = fingerprints.parent
+        with reserved(profile) as is_free, reserved(target / profile.relative_to(source)) as is_other_free:
+            if is_free and is_other_free:
+                add(source, target, units(profile))
+
+
+def add(source, target, paths):
+    """Adds these files of the folder `source` to the folder `target`, if it lacks them."""
+    for path in paths:
+        to = target / path.relative_to(source)
+        if not to.exists():
+            to.parent.mkdir(parents=True, exist_ok=True)
+            place(path, to)
+
+
+@contextlib.contextmanager
+def reserved(profile):
+    """Yields whether no cargo builds in the folder of a profile. If so, none begins meanwhile."""
+    lock = profile / ".cargo-lock"
+    if not lock.exists():
+        yield True
+        return
+    with lock.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        yield True
 
 
 def place(path, to):

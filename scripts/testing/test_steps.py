@@ -1,5 +1,6 @@
 """The steps of scripts/test run when what they read has changed, and only then."""
 
+import fcntl
 import os
 import pathlib
 import re
@@ -350,6 +351,20 @@ class Compiled(unittest.TestCase):
             (cache / "compiled" / "debug" / ".fingerprint" / "cfg-if-0123456789abcdef").mkdir(parents=True)
             said = self.build(pathlib.Path(folder) / "checkout", cache)
         self.assertEqual(set(re.findall(r"Compiling (\S+)", said)), {"cfg-if", "facewire-of-a-test"})
+
+    def test_a_profile_that_cargo_builds_is_left_alone(self):
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = pathlib.Path(folder) / "source", pathlib.Path(folder) / "target"
+            crate = pathlib.Path("debug/deps/libcfg_if-0123456789abcdef.rlib")
+            for name in (crate, "debug/.fingerprint/cfg-if-0123456789abcdef/lib-cfg_if", "debug/.cargo-lock"):
+                (source / name).parent.mkdir(parents=True, exist_ok=True)
+                (source / name).touch()
+            with (source / "debug/.cargo-lock").open("a") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                compiled.copy(source, target)
+            self.assertFalse((target / crate).exists())
+            compiled.copy(source, target)
+            self.assertTrue((target / crate).exists())
 
     def build(self, checkout, cache):
         """Makes a checkout of a small project and builds it. Returns what cargo says."""

@@ -1,7 +1,7 @@
 """Keeps compiled registry crates, so that the other checkouts on a machine need not compile them again.
 
 A compiled registry crate depends on its source, its features, its profile and the compiler, all of which the names of its files
-contain as a hash, but not on the checkout. Crates of this repository are never kept: cargo judges by the times of their source
+contain as a hash, and few depend on the checkout. Crates of this repository are never kept: cargo judges by the times of their source
 files whether they are up to date, and these times differ between checkouts.
 
 Usage: compiled.py SOURCE TARGET
@@ -10,6 +10,7 @@ Adds to cargo's target folder TARGET the crates that the target folder SOURCE ho
 
 import contextlib
 import fcntl
+import filecmp
 import os
 import pathlib
 import re
@@ -38,19 +39,22 @@ def units(profile):
 
 def copy(source, target):
     """Adds to the target folder `target` the registry crates of the target folder `source` that it lacks. Leaves out the profiles
-    that cargo is building now: it would find files of which it does not know, and others would get unfinished ones."""
+    that cargo is building now, and those in which the folders disagree."""
     # target/PROFILE, target/TRIPLE/PROFILE
     for fingerprints in [*source.glob("*/.fingerprint"), *source.glob("*/*/.fingerprint")]:
         profile = fingerprints.parent
         with reserved(profile) as is_free, reserved(target / profile.relative_to(source)) as is_other_free:
             if is_free and is_other_free:
-                add(source, target, units(profile))
+                add([(path, target / path.relative_to(source)) for path in units(profile)])
 
 
-def add(source, target, paths):
-    """Adds these files of the folder `source` to the folder `target`, if it lacks them."""
-    for path in paths:
-        to = target / path.relative_to(source)
+def add(pairs):
+    """Places each file where it belongs, if there is none. Places none if a compiled crate there is another one: one that contains
+    what its build script has written depends on the checkout, and crates that use it fit it alone."""
+    there = [(path, to) for path, to in pairs if to.exists()]
+    if not all(path.samefile(to) or filecmp.cmp(path, to, shallow=False) for path, to in there if path.suffix in LINKED):
+        return
+    for path, to in pairs:
         if not to.exists():
             to.parent.mkdir(parents=True, exist_ok=True)
             place(path, to)

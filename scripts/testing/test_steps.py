@@ -354,17 +354,37 @@ class Compiled(unittest.TestCase):
 
     def test_a_profile_that_cargo_builds_is_left_alone(self):
         with tempfile.TemporaryDirectory() as folder:
-            source, target = pathlib.Path(folder) / "source", pathlib.Path(folder) / "target"
-            crate = pathlib.Path("debug/deps/libcfg_if-0123456789abcdef.rlib")
-            for name in (crate, "debug/.fingerprint/cfg-if-0123456789abcdef/lib-cfg_if", "debug/.cargo-lock"):
-                (source / name).parent.mkdir(parents=True, exist_ok=True)
-                (source / name).touch()
+            source, target = self.compiled(folder, "source", "a"), pathlib.Path(folder) / "target"
             with (source / "debug/.cargo-lock").open("a") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 compiled.copy(source, target)
-            self.assertFalse((target / crate).exists())
+            self.assertFalse(target.exists())
             compiled.copy(source, target)
-            self.assertTrue((target / crate).exists())
+            self.assertTrue((target / self.crate("a")).exists())
+
+    def test_crates_that_were_compiled_with_others_are_not_mixed(self):
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = self.compiled(folder, "source", "ab"), self.compiled(folder, "target", "a")
+            (target / self.crate("a")).write_text("the same crate of another checkout")
+            compiled.copy(source, target)
+            self.assertFalse((target / self.crate("b")).exists())
+            (target / self.crate("a")).write_text("source")
+            (source / self.crate("a")).write_text("source")
+            compiled.copy(source, target)
+            self.assertTrue((target / self.crate("b")).exists())
+
+    def crate(self, letter):
+        """Returns the path of a compiled crate in a target folder."""
+        return f"debug/deps/lib{letter}-{letter * 16}.rlib"
+
+    def compiled(self, folder, name, letters):
+        """Makes a target folder with crates of these letters. Returns its path."""
+        target = pathlib.Path(folder) / name
+        for letter in letters:
+            for path in (self.crate(letter), f"debug/.fingerprint/{letter}-{letter * 16}/lib-{letter}", "debug/.cargo-lock"):
+                (target / path).parent.mkdir(parents=True, exist_ok=True)
+                (target / path).touch()
+        return target
 
     def build(self, checkout, cache):
         """Makes a checkout of a small project and builds it. Returns what cargo says."""

@@ -128,16 +128,23 @@ pub fn unpack(row: &[u8], packing: Packing, output: &mut [[Pixel; GROUP]]) {
 
 /// The unpackers for the instruction sets of this processor; the fastest comes first.
 fn unpackers(packing: Packing) -> impl Iterator<Item = Unpacker> {
-    let mut all: [Option<Unpacker>; 2] = [None, Some(unpack_plain)];
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") && matches!(packing.step, 3 | 4) {
-        all[0] = Some(avx2::unpack);
-    }
-    #[cfg(target_arch = "aarch64")]
-    if std::arch::is_aarch64_feature_detected!("neon") && matches!(packing.step, 3 | 4) {
-        all[0] = Some(neon::unpack);
-    }
-    all.into_iter().flatten()
+    let vectors = if matches!(packing.step, 3 | 4) { unpacker_of_vectors() } else { None };
+    [vectors, Some(unpack_plain as Unpacker)].into_iter().flatten()
+}
+
+#[cfg(target_arch = "x86_64")]
+fn unpacker_of_vectors() -> Option<Unpacker> {
+    is_x86_feature_detected!("avx2").then_some(avx2::unpack as Unpacker)
+}
+
+#[cfg(target_arch = "aarch64")]
+fn unpacker_of_vectors() -> Option<Unpacker> {
+    std::arch::is_aarch64_feature_detected!("neon").then_some(neon::unpack as Unpacker)
+}
+
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn unpacker_of_vectors() -> Option<Unpacker> {
+    None
 }
 
 fn unpack_plain(row: &[u8], Packing { step, rgb }: Packing, output: &mut [[Pixel; GROUP]]) {

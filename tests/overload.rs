@@ -123,7 +123,13 @@ fn an_overload_of_2_4_and_8_takes_no_more_frames_than_the_step_that_fits_wants()
 fn after_an_overload_more_frames_are_processed_again() {
     let overload = Overload::start("live 3, slow-4 6, live 3600", "");
     overload.logged("because a frame takes ");
-    overload.logged(" is processed again");
+    let mut slowest = 0;
+    // A busy machine may not reach the full step.
+    eventually("more frames", || {
+        let every = overload.every();
+        slowest = slowest.max(every);
+        every < slowest
+    });
     overload.settled();
     overload.service.stopped();
 }

@@ -18,8 +18,8 @@ and then the same for each coefficient, the means over the videos. A frame witho
 as a face at rest, and their number is printed.
 
 One artist's smile of 1 is larger than another's: compare r, and slopes with those of another tracker on the same videos. The
-mean squared error contains the difference of the artists' amplitudes. MediaPipe learns no neutral face, so that `auto` is
-what to compare it with.
+mean squared error contains the difference of the artists' amplitudes. MediaPipe learns no neutral face, so
+compare it with `auto`.
 
     npm pack three@0.187.0 && tar xzf three-0.187.0.tgz
     pip install numpy mediapipe==0.10.14

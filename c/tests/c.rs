@@ -219,8 +219,8 @@ fn an_installed_library_is_found_by_pkg_config_and_linked_by_the_name_of_its_int
 /// Pictures of the built-in clip in which the mouth opens twice: the first of them and how many.
 const SPEECH: [usize; 2] = [86, 16];
 
-/// Checks the values of jawOpen that this script prints for the video `film.i422`, with the library installed: one line for
-/// each picture in each of these formats. Each must be close to what the crate finds in the picture, which a host has converted.
+/// Runs this script with the library installed, and checks the values of jawOpen that it prints for `film.i422`: one line for
+/// each picture in each of these formats. Each value must be close to what the crate finds before a host converts the picture.
 fn check_speech(formats: &[&str], script: &str) {
     let folder = tempfile::tempdir().unwrap();
     let film = clip_from(SPEECH[0], SPEECH[1]);

@@ -1,8 +1,8 @@
 """Keeps compiled registry crates, so that the other checkouts on a machine need not compile them again.
 
 A compiled registry crate depends on its source, its features, its profile and the compiler, all of which the names of its files
-contain as a hash, and few depend on the checkout. Crates of this repository are never kept: cargo judges by the times of their source
-files whether they are up to date, and these times differ between checkouts.
+contain as a hash, and few depend on the checkout. Crates of this repository are never kept: cargo judges by the times of their
+source files whether they are up to date, and these times differ between checkouts.
 
 Usage: compiled.py SOURCE TARGET
 Adds to cargo's target folder TARGET the crates that the target folder SOURCE holds.
@@ -49,8 +49,9 @@ def copy(source, target):
 
 
 def add(pairs):
-    """Places each file where it belongs, if there is none. Places none if a compiled crate there is another one: one that contains
-    what its build script has written depends on the checkout, and crates that use it fit it alone."""
+    """Places each file where it belongs, unless one is already there. Places nothing if a compiled crate there has other
+    contents: a crate that contains output of its build script depends on the checkout, and the crates that use it fit only that
+    build."""
     there = [(path, to) for path, to in pairs if to.exists()]
     if not all(path.samefile(to) or filecmp.cmp(path, to, shallow=False) for path, to in there if path.suffix in LINKED):
         return

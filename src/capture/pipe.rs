@@ -69,8 +69,8 @@ pub struct PipeSource {
 }
 
 impl PipeSource {
-    /// Opens the pipe, and waits for the first image, whose size the others must have. What the note says follows the path in
-    /// the log.
+    /// Opens the pipe, and waits for the first image, whose size the others must have. The log shows `note` after
+    /// the path.
     pub fn open(path: &str, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let open = File::options().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
         let fail = |error| CaptureError::device(Path::new(path), "opening it", error);

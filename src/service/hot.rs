@@ -559,7 +559,7 @@ mod tests {
         (45..89).for_each(|frame| assert!(step(frame, frame + 1) < most, "{frame}: {}", step(frame, frame + 1)));
     }
 
-    /// How far a face at rest is known after 45 frames by one method and 30 by another, to which a reload changes.
+    /// How far a face at rest is known after 45 frames by one method and, after a reload, 30 frames by another.
     fn known_share([one, other]: [Method; 2]) -> f32 {
         let mut settings = Settings::default();
         settings.solver.method = one;
@@ -585,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_face_that_another_method_reads_as_an_expression_no_more_stays_than_that_method_learns() {
+    fn a_face_that_a_new_method_reads_as_an_expression_is_known_no_better_than_if_it_had_been_used_from_the_start() {
         let [network, paper] = [Method::Network, Method::Paper];
         let shares = [[network, network], [network, paper], [paper, paper]].map(known_share);
         // The formulas read this face at rest as one with an expression.

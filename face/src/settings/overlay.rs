@@ -15,7 +15,7 @@ const LEAST_SIMILARITY: f64 = 0.6;
 #[derive(Debug)]
 struct Fault {
     key: String,
-    /// The place of the table that the fault is in, if that table is one of several.
+    /// The place of the table that the fault is in, if that table is in an array of tables.
     place: Option<usize>,
     /// Whether the value is wrong by itself: of another type, or out of bounds.
     is_invalid_value: bool,
@@ -61,12 +61,12 @@ impl Faults {
         self.0.len() >= MOST_FAULTS
     }
 
-    /// Whether a value is wrong by itself in the table with this index, of several.
+    /// Whether the table at this place in an array of tables has a value that is wrong by itself.
     pub fn has_invalid_value_at(&self, place: usize) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.place == Some(place))
     }
 
-    /// Whether a key in this table is unknown, or its value wrong. The table is part of the one with this index, of several.
+    /// Whether this table, which is part of the one at `place` in an array of tables, has an unknown key or a wrong value.
     pub fn has_any_in(&self, table: &str, place: usize) -> bool {
         let is_in = |fault: &Fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
         self.0.iter().any(|fault| fault.place == Some(place) && is_in(fault))
@@ -200,7 +200,7 @@ macro_rules! section {
 pub struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
-    /// The place of the table that is being read, if it is one of several.
+    /// The place of the table that is being read, if it is in an array of tables.
     place: Option<usize>,
     /// The faults found so far, each with its byte offset in the text.
     found: Vec<(usize, Fault)>,

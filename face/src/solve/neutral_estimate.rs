@@ -106,8 +106,8 @@ impl NeutralEstimate {
         *position = None;
     }
 
-    /// Reads the wearer's face at rest by the model that gives all later outputs. Begins anew with a face of which one half
-    /// alone is learned, or that the model cannot read, unless it is used as it is. Does not allocate.
+    /// Evaluates the learned face at rest with the model that computes all later outputs. If only one half of the face has been
+    /// learned, or the model fails on it, learning starts again, unless the estimate is frozen. Does not allocate.
     pub(super) fn read_again(&mut self, model: &Model, mode: NeutralMode) {
         self.forget_motion();
         if self.is_fading {

@@ -274,7 +274,8 @@ impl Solver {
         &self.model
     }
 
-    /// Replaces the model, and what the last one read in the wearer's face at rest. The output does not jump.
+    /// Replaces the model. The new one evaluates the learned face at rest again, and the gaze is learned anew. The output does
+    /// not jump.
     pub fn set_model(&mut self, model: Model) {
         self.history.estimate.read_again(&model, self.neutral_mode);
         self.history.gaze_offset = Offset::default();

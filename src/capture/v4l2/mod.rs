@@ -75,7 +75,7 @@ impl CameraSource {
         }
     }
 
-    /// Opens the camera with this node. What the note says follows its name.
+    /// Opens the camera with this node. The log shows `note` after the name of the camera.
     pub(super) fn open_node(node: &Path, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         guarded(node, || Self::start(node, note, wish, timeout))
     }

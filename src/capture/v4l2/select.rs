@@ -4,8 +4,8 @@
 //! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the cameras
 //! with colours, of these the USB cameras, of these the one with the lowest number. Those that failed follow, the last one
 //! that failed at the end. Multi-planar cameras come after all others. The camera module of a Raspberry Pi, whose service
-//! passes its pictures by a pipe, is tried before all cameras, or if it failed before, after them: it takes seconds to see that
-//! its service does not work.
+//! passes its pictures by a pipe, is tried before all cameras, or after them if it has failed earlier, because it takes seconds
+//! to notice that its service does not work.
 
 use std::path::{Path, PathBuf};
 
@@ -48,7 +48,7 @@ fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish
 /// What was tried before one source started.
 struct Tries<S> {
     start: S,
-    /// Tells the operator about the others.
+    /// What the log says about the others.
     note: String,
     errors: Vec<CaptureError>,
 }

@@ -20,6 +20,7 @@ use common::{
     PATIENCE, Viewer,
     browser::{Browser, control, element, labelled, or_arm},
     command, eventually,
+    hooks::hook,
     maestro::{Maestro, Model},
     python_with,
     service::elsewhere,
@@ -115,7 +116,8 @@ impl Head {
         service
             .args(["run", "--config", &config])
             .env("RUNTIME_DIRECTORY", folder.path())
-            .env("STATE_DIRECTORY", path("kept"));
+            .env("STATE_DIRECTORY", path("kept"))
+            .env("LD_PRELOAD", hook("answers"));
         service.env("FACEWIRE_SYSROOT", "/nonexistent").stdin(Stdio::null()).stdout(Stdio::null());
         let service = service.stderr(fs::File::create(path("log")).unwrap()).spawn().unwrap();
         let (control, state) = (path("control"), path("state"));

@@ -1,21 +1,19 @@
 //! Simulated servos at a pseudo-terminal.
 
-use std::io::{Read as _, Write as _};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use facewire_servo::bus::FAMILIES;
 use facewire_servo::bus::simulator::Simulator;
 
-use crate::common::board::Board;
+use crate::common::answers::AnsweringDevice;
 
 /// Servos that run on a thread of their own until they are unplugged.
 pub struct Bus {
     pub device: PathBuf,
     pub simulator: Arc<Mutex<Simulator>>,
-    _is_plugged_in: Arc<()>,
+    _thread: AnsweringDevice,
 }
 
 impl Bus {
@@ -25,18 +23,9 @@ impl Bus {
     }
 
     pub fn with(simulator: Arc<Mutex<Simulator>>) -> Self {
-        let (mut board, plug) = (Board::plugged_in(), Arc::new(()));
-        let (device, shared, is_plugged_in) = (board.device.clone(), Arc::clone(&simulator), Arc::downgrade(&plug));
-        thread::spawn(move || {
-            while is_plugged_in.strong_count() > 0 {
-                let mut bytes = [0; 1024];
-                let length = board.master.read(&mut bytes).unwrap_or(0);
-                let answers = shared.lock().unwrap().take(&bytes[..length], Instant::now());
-                let _ = board.master.write_all(&answers);
-                thread::sleep(Duration::from_millis(1));
-            }
-        });
-        Self { device, simulator, _is_plugged_in: plug }
+        let shared = Arc::clone(&simulator);
+        let thread = AnsweringDevice::plugged_in(move |bytes| shared.lock().unwrap().take(bytes, Instant::now()));
+        Self { device: thread.path.clone(), simulator, _thread: thread }
     }
 
     pub fn lock(&self) -> MutexGuard<'_, Simulator> {

@@ -73,8 +73,6 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
             beside.sentences(69)[0].contains("another program has it open"),
             "beside a service nothing is released"
         );
-        // On a busy machine a servo can answer too late, and is then held anew.
-        await_servos(&bus, &held);
         service.stop(Signal::KILL);
         assert_eq!(bus.servos(), held, "a servo holds what it was told");
         // A second rest does no harm.
@@ -86,7 +84,8 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
     }
     let bus = Bus::plugged_in("feetech-sts", &[1, 4]);
     let both = rest(&[link(Path::new("/dev/nothing"), "feetech-sts"), link(&bus.device, "feetech-sts")].concat());
-    assert!(both.sentences(69)[0].contains("/dev/nothing: there is no such"));
+    // A sentence that says that a board is still being tried may come before.
+    assert!(both.sentences(69).iter().any(|sentence| sentence.contains("/dev/nothing: there is no such")));
     assert!(both.out.contains(": released"), "what can be reached is released");
     eventually("a message to the servos", || !bus.lock().written.is_empty());
     assert_eq!(rest("").succeeded().out, "");
@@ -193,12 +192,7 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
         };
         for (id, alarms, want) in [("9", 0, "servo 9: it does not answer"), ("3", 1, "servo 3: its supply voltage")] {
             bus.lock().servos[0].alarms = alarms;
-            let tried = || Run::ended(&start(id).wait_with_output().unwrap());
-            // On a busy machine, a simulated servo may answer later than a real one ever does.
-            let mut run = tried();
-            while run.err.contains("servo 3: it does not answer") {
-                run = tried();
-            }
+            let run = Run::ended(&start(id).wait_with_output().unwrap());
             assert!(run.status == Some(69) && run.err.contains(want), "{run:?}");
         }
         bus.lock().servos[0].alarms = 0;
@@ -210,15 +204,8 @@ fn keys_move_one_servo_from_where_it_stands_within_its_limits_and_its_lines_come
             screen += &String::from_utf8_lossy(&bytes[..length]);
             screen.contains(what)
         };
-        eventually("the servo", || {
-            if child.try_wait().unwrap().is_some() {
-                // The simulated servo has answered too late.
-                bus.lock().written.clear();
-                child = start("3");
-            }
-            is_shown(" 500 steps (no torque)")
-        });
         let mut shows = |what: &str| eventually(what, || is_shown(what));
+        shows(" 500 steps (no torque)");
         let press = |keys: &[&[u8]]| keys.iter().for_each(|key| (&terminal.master).write_all(key).unwrap());
         await_servos(&bus, &[(false, 500.0)]);
         press(&[b"\x1b[C", b"\x1b[C"]);
@@ -245,25 +232,18 @@ fn a_scan_lists_the_servos_of_a_line_and_moves_none() {
     for ((family, _), model) in FAMILIES.iter().zip([1200, 12, 29, 777, 1284]) {
         let bus = Bus::plugged_in(family, &[2, 5]);
         bus.lock().echoes = true;
-        let mut missing = vec!["servo 2", "servo 5"];
-        // On a busy machine, a simulated servo may answer later than a real one ever does: then the line is searched again.
-        while !missing.is_empty() {
-            let mut command = facewire(["devices", "--scan", text(&bus.device)]);
-            let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-            let mut progress = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-            assert_eq!(progress.next().as_deref(), Some("facewire: searching at 1000000 baud by protocol 1.0"));
-            for line in BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap) {
-                let (servo, found) = line.split_once(" at ").unwrap();
-                assert!(["servo 2", "servo 5"].contains(&servo), "{line}");
-                // A pseudo-terminal has no rate.
-                assert!(found.ends_with(&format!(" baud: model {model}, family = \"{family}\"")), "{line}");
-                missing.retain(|other| *other != servo);
-                if missing.is_empty() {
-                    break;
-                }
-            }
-            child.kill().and_then(|()| child.wait()).unwrap();
+        let mut command = facewire(["devices", "--scan", text(&bus.device)]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut progress = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        assert_eq!(progress.next().as_deref(), Some("facewire: searching at 1000000 baud by protocol 1.0"));
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        for (servo, line) in ["servo 2", "servo 5"].into_iter().zip(lines) {
+            let (found, place) = line.split_once(" at ").unwrap();
+            assert_eq!(found, servo, "{line}");
+            // A pseudo-terminal has no rate.
+            assert!(place.ends_with(&format!(" baud: model {model}, family = \"{family}\"")), "{line}");
         }
+        child.kill().and_then(|()| child.wait()).unwrap();
         assert!(bus.lock().written.is_empty() && bus.lock().strange == 0);
     }
 }

@@ -228,6 +228,10 @@ fn session(
             }
             shared.panel.count(is_taken);
             took?;
+            // Otherwise a device that is slower than the messages come would never be attended.
+            if newest.updated() {
+                device.attend(&mut open)?;
+            }
         } else if is_stopping {
             // No newer message will come, so a busy device is offered this one again. It has already been counted.
             let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
@@ -400,6 +404,39 @@ mod tests {
         assert_eq!([0, 999, 0, 0].map(&mut flap), [200, 400, 800, 1000].map(|wait_ms| (wait_ms, false, 1)));
         assert_eq!(flap(1000), (100, true, 2), "that it works is logged late, because it seemed to go on failing");
         assert_eq!([0, 0].map(&mut flap), [(200, false, 3), (400, false, 3)]);
+    }
+
+    /// A device that gets the next message before it has written one, and fails when it is attended, or after a hundred.
+    struct Slow {
+        newest: Input<Message>,
+        written: u32,
+    }
+
+    impl Device for Slow {
+        type Open = ();
+
+        fn open(&mut self) -> Result<(), LinkError> {
+            Ok(())
+        }
+
+        fn write(&mut self, (): &mut (), _: &[u8]) -> Result<bool, LinkError> {
+            self.newest.write(Message::new());
+            self.written += 1;
+            if self.written < 100 { Ok(true) } else { Err(LinkError::new(LinkErrorKind::Other, "test", "neglected")) }
+        }
+
+        fn attend(&mut self, (): &mut ()) -> Result<(), LinkError> {
+            Err(LinkError::new(LinkErrorKind::Other, "test", "attended"))
+        }
+    }
+
+    #[test]
+    fn a_device_that_is_slower_than_its_messages_come_is_attended_after_each() {
+        let (mut newest, mut output) = triple_buffer(&Message::new());
+        newest.write(Message::new());
+        let mut device = Slow { newest, written: 0 };
+        let ended = session(&mut device, &mut output, &Shared::default(), &mut Retry::default(), &Instant::now);
+        assert_eq!((ended.unwrap_err().message.as_str(), device.written), ("test: attended", 1));
     }
 
     #[test]

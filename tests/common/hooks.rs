@@ -1,9 +1,11 @@
 //! Libraries of `tests/hooks` that a test preloads into the program.
 
+use std::fs;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::{fs, process};
+
+use tempfile::NamedTempFile;
 
 use super::project;
 
@@ -14,11 +16,11 @@ pub fn hook(name: &str) -> PathBuf {
     let library = folder.join(format!("{name}-{:016x}.so", fingerprint()));
     if !library.exists() {
         // Tests run in parallel, and none must find an unfinished library.
-        let unfinished = folder.join(format!("{name}-{}.so", process::id()));
+        let unfinished = NamedTempFile::new_in(folder).unwrap().into_temp_path();
         let mut compiler = Command::new("cc");
-        compiler.args(["-O1", "-Wall", "-Wextra", "-shared", "-fPIC", "-o"]).arg(&unfinished).arg(source).arg("-ldl");
+        compiler.args(["-O1", "-Wall", "-Wextra", "-shared", "-fPIC", "-o"]).args([&*unfinished, &source]).arg("-ldl");
         assert!(compiler.status().unwrap().success());
-        fs::rename(&unfinished, &library).unwrap();
+        unfinished.persist(&library).unwrap();
     }
     library
 }

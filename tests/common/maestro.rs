@@ -1,13 +1,9 @@
 //! A simulated Maestro at the end of a pseudo-terminal, after its user's guide (<https://www.pololu.com/docs/0J40>).
 
-use std::io::{Read as _, Write as _};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread::{self, JoinHandle};
-use std::time::Duration;
 
-use super::board::Board;
+use super::answers::AnsweringDevice;
 
 /// Bits of the error register.
 pub const CRC_ERROR: u16 = 1 << 3;
@@ -148,30 +144,19 @@ pub fn remainder(message: &[u8]) -> u8 {
 pub struct Maestro {
     pub device: PathBuf,
     state: Arc<Mutex<State>>,
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _thread: AnsweringDevice,
 }
 
 impl Maestro {
     pub fn plugged_in(model: Model) -> Self {
-        let mut board = Board::plugged_in();
-        let (device, state, is_over) = (board.device.clone(), Arc::<Mutex<State>>::default(), Arc::default());
-        let (shared, over) = (Arc::clone(&state), Arc::<AtomicBool>::clone(&is_over));
-        let thread = thread::spawn(move || {
-            while !over.load(Relaxed) {
-                let mut bytes = [0; 1024];
-                let length = board.master.read(&mut bytes).unwrap_or(0);
-                let mut state = shared.lock().unwrap();
-                bytes[..length].iter().for_each(|byte| state.take(*byte, &model));
-                let answers = std::mem::take(&mut state.answers);
-                drop(state);
-                let _ = board.master.write_all(&answers);
-                if length == 0 {
-                    thread::sleep(Duration::from_millis(1));
-                }
-            }
+        let state = Arc::<Mutex<State>>::default();
+        let shared = Arc::clone(&state);
+        let thread = AnsweringDevice::plugged_in(move |bytes| {
+            let mut state = shared.lock().unwrap();
+            bytes.iter().for_each(|byte| state.take(*byte, &model));
+            std::mem::take(&mut state.answers)
         });
-        Self { device, state, is_over, thread: Some(thread) }
+        Self { device: thread.path.clone(), state, _thread: thread }
     }
 
     pub fn state(&self) -> MutexGuard<'_, State> {
@@ -182,12 +167,5 @@ impl Maestro {
     pub fn pulse_us(&self, channel: usize) -> Option<f32> {
         let target = self.state().targets[channel];
         (target > 0).then(|| f32::from(target) / 4.0)
-    }
-}
-
-impl Drop for Maestro {
-    fn drop(&mut self) {
-        self.is_over.store(true, Relaxed);
-        let _ = self.thread.take().map(JoinHandle::join);
     }
 }

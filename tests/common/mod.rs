@@ -1,6 +1,7 @@
 //! Helpers that the whole-program tests share.
 #![allow(dead_code, unused_imports, reason = "each test uses some of them")]
 
+pub mod answers;
 pub mod board;
 pub mod camera;
 pub mod coefficients;

@@ -8,11 +8,14 @@ use std::thread;
 
 use tempfile::NamedTempFile;
 
+use super::hooks::hook;
+
 /// Returns a command that runs the program with these arguments, on a board that is not recognised and has no sensors,
 /// so that the heat and the power saving of this machine do not affect the tests.
 pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
     command.args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");
+    command.env("LD_PRELOAD", hook("answers"));
     // Services that tests run side by side must not meet at one control socket, nor find the profiles of this machine.
     for variable in ["RUNTIME_DIRECTORY", "STATE_DIRECTORY"] {
         command.env_remove(variable);

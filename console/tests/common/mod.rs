@@ -1,11 +1,15 @@
 //! Helpers of the whole-program tests.
 #![allow(dead_code, reason = "each test uses some of them")]
 
+#[path = "../../../tests/common/answers.rs"]
+pub mod answers;
 #[path = "../../../tests/common/board.rs"]
 pub mod board;
 pub mod browser;
 #[path = "../../../tests/common/eventually.rs"]
 mod eventually;
+#[path = "../../../tests/common/hooks.rs"]
+pub mod hooks;
 #[path = "../../../tests/common/interface.rs"]
 pub mod interface;
 #[path = "../../../tests/common/maestro.rs"]
@@ -19,6 +23,7 @@ mod skip;
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::{SocketAddr, TcpStream, UdpSocket},
+    path::{Path, PathBuf},
     process::{Child, ChildStdout, Command, Stdio},
     sync::mpsc,
     thread,
@@ -32,6 +37,11 @@ pub use self::{
     skip::skip,
 };
 use facewire_packet::{BLENDSHAPES, Packet, State};
+
+/// The path of a file of the project.
+pub fn project(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}
 
 /// Returns a command that runs the program.
 pub fn command(arguments: &[&str]) -> Command {

@@ -192,22 +192,29 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
 #[test]
 fn stop_does_not_wait_for_answers_that_do_not_come() {
     let Some((console, mut browser)) = open("health", PHONE) else { return };
-    console.service.seen.lock().unwrap().is_stuck = true;
-    // A browser has six requests at a time under way, and the console ends those that the service does not answer after 3 s.
     browser.value(
-        "window.settled = 0; const real = fetch; window.fetch = async (url, options) => { const before = settled; \
-         const answer = await real(url, options); if (url.includes('release')) window.waited = settled - before; return answer; }; \
-         import('./store.js').then(({ get }) => { for (let n = 0; n < 12; n += 1) \
-         get('landmarks?' + n).catch(() => 0).finally(() => { window.settled += 1; }); })",
+        "const real = fetch; window.fetch = async (url, options) => { const before = window.settled; \
+         const answer = await real(url, options); if (url.includes('release')) window.waited = settled - before; return answer; }",
     );
-    console.service.until(|seen| seen.requests.iter().filter(|request| request["do"] == "landmarks").count() >= 5);
-    browser.click("STOP");
-    until_asked(&console, &json!({"do": "release", "on": true}));
-    browser.wait_until("window.waited !== undefined");
-    assert_eq!(browser.value("window.waited"), 0, "answers that STOP has waited for");
-    // They are asked again behind it.
-    console.service.seen.lock().unwrap().is_stuck = false;
-    browser.wait_until("window.settled === 12");
+    // The console ends requests that the service does not answer after 3 s. On a busy machine, STOP may meet such an end.
+    eventually("a STOP that has waited for no answer", || {
+        console.service.seen.lock().unwrap().is_stuck = true;
+        let asked = |seen: &Seen| seen.requests.iter().filter(|request| request["do"] == "landmarks").count();
+        let before = asked(&console.service.seen.lock().unwrap());
+        // A browser has six requests at a time under way.
+        browser.value(
+            "window.settled = 0; window.waited = undefined; import('./store.js').then(({ get }) => { \
+             for (let n = 0; n < 12; n += 1) get('landmarks?' + n).catch(() => 0).finally(() => { window.settled += 1; }); })",
+        );
+        console.service.until(|seen| asked(seen) >= before + 5);
+        browser.click("STOP");
+        until_asked(&console, &json!({"do": "release", "on": true}));
+        browser.wait_until("window.waited !== undefined");
+        // They are asked again behind it.
+        console.service.seen.lock().unwrap().is_stuck = false;
+        browser.wait_until("window.settled === 12");
+        browser.value("window.waited") == 0
+    });
 }
 
 /// A console with the page of an operator who has logged in from elsewhere, or `None` with a note.

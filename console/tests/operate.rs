@@ -193,8 +193,8 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
 fn stop_does_not_wait_for_answers_that_do_not_come() {
     let Some((console, mut browser)) = open("health", PHONE) else { return };
     browser.value(
-        "const real = fetch; window.fetch = async (url, options) => { const before = window.settled; \
-         const answer = await real(url, options); if (url.includes('release')) window.waited = settled - before; return answer; }",
+        "const real = fetch; window.fetch = async (url, options) => { const answer = await real(url, options); \
+         if (url.includes('release')) window.waited = window.settled; return answer; }",
     );
     // The console ends requests that the service does not answer after 3 s. On a busy machine, STOP may meet such an end.
     eventually("a STOP that has waited for no answer", || {

@@ -17,7 +17,7 @@ BELONGS = {"models": "facewire-face"}
 SHARED = (
     ".cargo/*", ".config/*", "Cargo.lock", "Cargo.toml", "boards/*", "clippy.toml", "docs/code.md", "docs/reference.md",
     "fuzz/src/*", "library/tests/common/*", "packaging/bridge/*", "rust-toolchain*", "systemd/*", "tests/common/*",
-    "tests/golden/*", "tests/receivers.py", "tests/skips-allowed",
+    "tests/golden/*", "tests/hooks/*", "tests/receivers.py", "tests/skips-allowed",
 )
 # The tests that read files of all crates, documents and scripts, and files that no other test reads.
 READS_ALL = ("project", "setup")

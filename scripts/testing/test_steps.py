@@ -242,7 +242,7 @@ class Crates(unittest.TestCase):
 
 
 class Guests(unittest.TestCase):
-    """The cases of the device tests run after a change that can break them."""
+    """The cases of the device tests run after a change of what they are about."""
 
     def test_each_case_belongs_to_a_step_and_those_in_tables_of_faults_to_the_one_that_follows_what_meets_the_kernel(self):
         known = {step.name: step for step in steps.load(pathlib.Path(__file__).with_name("steps.toml"))}
@@ -253,7 +253,10 @@ class Guests(unittest.TestCase):
         named = set(re.findall(r"`(\w+)\.sh`", tables))
         self.assertGreater(len(named), 5)
         self.assertEqual(named - set(runs["guest-cases"]), set())
-        kernel = ("src/service/hot.rs", "src/capture/v4l2/mod.rs", "src/link/serial.rs", "servo/src/pca9685.rs")
+        kernel = (
+            "board/src/lib.rs", "servo/src/pca9685.rs", "src/capture/v4l2/mod.rs", "src/link/bus_servo.rs",
+            "src/link/serial.rs", "src/service/hot.rs",
+        )
         for path in (*kernel, "systemd/facewire.service", "packaging/scripts/prerm"):
             self.assertTrue((ROOT / path).exists(), path)
             self.assertTrue(steps.is_read(known["guest-cases"], path), path)
@@ -277,8 +280,7 @@ class Sources(unittest.TestCase):
             "facewire-tools": everywhere,
             "facewire-console": ("guest-console", "unit"),
             "facewire-bridge": ("guest-packages", "unit"),
-            "facewire-engine": ("arm64",),
-            "facewire-face": ("crates", "oldest-rust"),
+            "facewire-face": ("arm64", "crates", "oldest-rust"),
             "facewire-python": ("python", "unit"),
             "facewire-c": ("unit",),
         }

@@ -1,6 +1,6 @@
-//! Simulated devices that answer at a serial line, and programs whose clocks do not count how long these take.
+//! Simulated devices that answer at a serial line.
 
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::{self, Read as _, Write as _};
 use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 use std::path::PathBuf;
@@ -11,10 +11,11 @@ use std::time::Duration;
 
 use rustix::fs::stat;
 
+use super::PATIENCE;
 use super::board::Board;
 
 /// A device at the end of a pseudo-terminal, on a thread of its own until it is unplugged. A program with the hook `answers`
-/// waits with each write until the device has answered.
+/// gets its answers in time, however busy the machine is.
 pub struct AnsweringDevice {
     pub path: PathBuf,
     is_over: Arc<AtomicBool>,
@@ -22,14 +23,14 @@ pub struct AnsweringDevice {
 }
 
 impl AnsweringDevice {
-    /// Plugs in a device that answers each message by `take`, which is also called while nothing comes.
+    /// Plugs in a device that answers what it reads by `take`, which is also called with nothing while nothing comes.
     pub fn plugged_in(take: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) -> Self {
         let board = Board::plugged_in();
         let path = board.device.clone();
         let listener = listener(&path);
         let is_over = Arc::<AtomicBool>::default();
         let over = Arc::clone(&is_over);
-        let thread = thread::spawn(move || run(board, &listener, take, &over));
+        let thread = thread::spawn(move || run(board, listener, take, &over));
         Self { path, is_over, thread: Some(thread) }
     }
 }
@@ -50,57 +51,35 @@ fn listener(path: &PathBuf) -> UnixListener {
     listener
 }
 
-/// A program that waits in a write, and what the device has read and answered since the write began, in bytes.
-struct Writer {
-    stream: UnixStream,
-    /// How many bytes the program has written, once it has.
-    written: Option<usize>,
-    read: usize,
-    answered: u32,
-}
-
-impl Writer {
-    /// Lets the next program write.
-    fn accept(listener: &UnixListener) -> Option<Self> {
-        let (mut stream, _) = listener.accept().ok()?;
-        stream.set_nonblocking(true).unwrap();
-        stream.write_all(&[0]).ok()?;
-        Some(Self { stream, written: None, read: 0, answered: 0 })
-    }
-
-    /// Returns whether the program waits no longer: it has its answer, or has ended.
-    fn is_over(&mut self) -> bool {
-        let mut count = [0; 4];
-        match self.stream.read(&mut count) {
-            Ok(0) => return true,
-            Ok(_) => self.written = Some(u32::from_ne_bytes(count) as usize),
-            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-            Err(_) => return true,
-        }
-        let is_answered = self.written.is_some_and(|written| self.read >= written);
-        if is_answered {
-            let _ = self.stream.write_all(&self.answered.to_ne_bytes());
-        }
-        is_answered
-    }
-}
-
-fn run(mut board: Board, listener: &UnixListener, mut take: impl FnMut(&[u8]) -> Vec<u8>, is_over: &AtomicBool) {
-    let mut writer: Option<Writer> = None;
+/// Answers programs until the device is unplugged. The socket is closed before the pseudo-terminal, whose number the next
+/// device may get.
+fn run(mut board: Board, listener: UnixListener, mut take: impl FnMut(&[u8]) -> Vec<u8>, is_over: &AtomicBool) {
     while !is_over.load(Relaxed) {
-        writer = writer.or_else(|| Writer::accept(listener));
+        let mut is_idle = true;
+        while let Ok((program, _)) = listener.accept() {
+            is_idle = false;
+            // A program may have ended.
+            let _ = answer(program, &mut take);
+        }
+        // A program without the hook, and answers that a device gives later.
         let mut bytes = [0; 1024];
         let length = board.master.read(&mut bytes).unwrap_or(0);
-        let answer = take(&bytes[..length]);
-        let _ = board.master.write_all(&answer);
-        if let Some(writer) = &mut writer {
-            writer.read += length;
-            writer.answered += answer.len() as u32;
-        }
-        writer.take_if(Writer::is_over);
-        if length == 0 {
-            let pause_us = if writer.is_some() { 50 } else { 500 };
-            thread::sleep(Duration::from_micros(pause_us));
+        let _ = board.master.write_all(&take(&bytes[..length]));
+        if is_idle && length == 0 {
+            thread::sleep(Duration::from_millis(1));
         }
     }
+}
+
+/// Takes what a program writes, and answers it, as `tests/hooks/answers.c` describes.
+fn answer(mut program: UnixStream, take: &mut impl FnMut(&[u8]) -> Vec<u8>) -> io::Result<()> {
+    program.set_nonblocking(false)?;
+    program.set_read_timeout(Some(PATIENCE))?;
+    let mut length = [0; 4];
+    program.read_exact(&mut length)?;
+    let mut bytes = vec![0; u32::from_ne_bytes(length) as usize];
+    program.read_exact(&mut bytes)?;
+    let answer = take(&bytes);
+    program.write_all(&(answer.len() as u32).to_ne_bytes())?;
+    program.write_all(&answer)
 }

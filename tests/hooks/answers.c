@@ -1,21 +1,27 @@
-/* Takes the time of a simulated device out of the time that a program waits for its answer. A test preloads this library
- * into the program. Each write to a pseudo-terminal returns only after the device has read what was written, and after its
- * answer can be read. The device listens at a socket with the abstract name "facewire-answers-DEVICE-NODE", where DEVICE is
- * the st_dev and NODE the st_rdev of the terminal. It sends a byte when a write may begin, receives the number of bytes that
- * were written, and sends the number of bytes that it has answered since. The numbers are of the type uint32_t.
+/* Carries what a program writes to a simulated serial device, and what the device answers. A test preloads this library into
+ * the program. A write returns when the device has answered, and the answer can be read at once. So no answer is late, however
+ * busy the machine is. (The kernel moves the bytes of a pseudo-terminal by a thread of its own, which may take seconds.)
  *
- * Without such a socket, a write is a plain one. No write waits longer than WAIT_S.
+ * The device listens at a socket with the abstract name "facewire-answers-DEVICE-NODE", where DEVICE is the st_dev and NODE
+ * the st_rdev of the terminal. For each write there is a connection: the program sends the number of its bytes and the bytes,
+ * and the device sends the number of bytes of its answer, and the answer. Numbers are of the type uint32_t.
  *
- * Limit: it knows `write`, and not `writev` or `pwrite`.
+ * A terminal without such a socket is as it is without this library. So is what a device sends without being asked.
+ *
+ * Limit: it knows write, read, poll, ppoll, tcflush, close and the ioctl FIONREAD. No wait is longer than WAIT_S.
  *
  * Build: cc -O1 -shared -fPIC -o answers.so answers.c -ldl */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
-#include <time.h>
+#include <string.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <sys/ioctl.h>
@@ -25,7 +31,24 @@
 #include <sys/time.h>
 #include <sys/un.h>
 
-enum { WAIT_S = 10, FIRST_PTY_MAJOR = 136, LAST_PTY_MAJOR = 143 };
+#define HIDDEN(name) ((__typeof__(&name))dlsym(RTLD_NEXT, #name))
+
+enum { WAIT_S = 10, FIRST_PTY_MAJOR = 136, LAST_PTY_MAJOR = 143, DESCRIPTORS = 1024, ANSWER_BYTES = 4096 };
+
+/* What was answered at a descriptor and has not been read yet. */
+struct answers {
+    unsigned char bytes[ANSWER_BYTES];
+    size_t length;
+};
+static struct answers *all_answers[DESCRIPTORS];
+static struct answers store[8];
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+
+/* Returns the answers of this descriptor, or NULL if it has none. */
+static struct answers *answers_of(int descriptor)
+{
+    return descriptor >= 0 && descriptor < DESCRIPTORS ? all_answers[descriptor] : NULL;
+}
 
 /* Connects to the device of this terminal. Returns -1 if it is no terminal of a simulated device. */
 static int device_of(int terminal)
@@ -47,47 +70,123 @@ static int device_of(int terminal)
     socklen_t size = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length);
     if (!connect(device, (struct sockaddr *)&address, size))
         return device;
-    close(device);
+    HIDDEN(close)(device);
     return -1;
 }
 
-/* Waits until so many bytes can be read. The kernel moves them from one end of a pseudo-terminal to the other by a thread of
- * its own. */
-static void await_bytes(int terminal, int bytes)
+/* Keeps an answer for the reader of this terminal. What does not fit is lost. */
+static void keep(int terminal, const unsigned char *answer, size_t length)
 {
-    const struct timespec pause = {.tv_nsec = 100 * 1000};
-    int readable = 0;
-    for (int waited = 0; waited < WAIT_S * 10000; waited++) {
-        if (ioctl(terminal, FIONREAD, &readable) || readable >= bytes)
-            return;
-        nanosleep(&pause, NULL);
+    pthread_mutex_lock(&lock);
+    for (size_t place = 0; terminal < DESCRIPTORS && !all_answers[terminal] && place < sizeof store / sizeof *store; place++) {
+        int is_used = 0;
+        for (int other = 0; other < DESCRIPTORS; other++)
+            is_used |= all_answers[other] == &store[place];
+        if (!is_used) {
+            store[place].length = 0;
+            all_answers[terminal] = &store[place];
+        }
     }
+    struct answers *answers = answers_of(terminal);
+    if (answers && length <= ANSWER_BYTES - answers->length) {
+        memcpy(answers->bytes + answers->length, answer, length);
+        answers->length += length;
+    }
+    pthread_mutex_unlock(&lock);
+}
+
+static void forget(int descriptor)
+{
+    if (!answers_of(descriptor))
+        return;
+    pthread_mutex_lock(&lock);
+    all_answers[descriptor] = NULL;
+    pthread_mutex_unlock(&lock);
 }
 
 ssize_t write(int descriptor, const void *bytes, size_t length)
 {
-    static ssize_t (*hidden)(int, const void *, size_t);
-    if (!hidden)
-        hidden = (ssize_t (*)(int, const void *, size_t))dlsym(RTLD_NEXT, "write");
     int saved = errno;
-    int readable = 0;
-    int device = device_of(descriptor);
-    char ready;
-    if (device >= 0) {
-        ioctl(descriptor, FIONREAD, &readable);
-        recv(device, &ready, sizeof ready, MSG_WAITALL);
+    int device = length > 0 ? device_of(descriptor) : -1;
+    if (device < 0) {
+        errno = saved;
+        return HIDDEN(write)(descriptor, bytes, length);
     }
-    errno = saved;
-    ssize_t written = hidden(descriptor, bytes, length);
-    if (device < 0)
-        return written;
-    saved = errno;
-    uint32_t count = written > 0 ? (uint32_t)written : 0;
+    uint32_t count = (uint32_t)length;
     uint32_t answered = 0;
-    if (send(device, &count, sizeof count, MSG_NOSIGNAL) == sizeof count &&
-        recv(device, &answered, sizeof answered, MSG_WAITALL) == sizeof answered)
-        await_bytes(descriptor, readable + (int)answered);
-    close(device);
+    unsigned char answer[ANSWER_BYTES];
+    int is_answered = send(device, &count, sizeof count, MSG_NOSIGNAL) == sizeof count &&
+                      send(device, bytes, length, MSG_NOSIGNAL) == (ssize_t)length &&
+                      recv(device, &answered, sizeof answered, MSG_WAITALL) == sizeof answered && answered <= sizeof answer &&
+                      recv(device, answer, answered, MSG_WAITALL) == (ssize_t)answered;
+    HIDDEN(close)(device);
+    if (is_answered && answered > 0)
+        keep(descriptor, answer, answered);
     errno = saved;
-    return written;
+    return (ssize_t)length;
+}
+
+ssize_t read(int descriptor, void *bytes, size_t length)
+{
+    struct answers *answers = answers_of(descriptor);
+    if (!answers || !answers->length)
+        return HIDDEN(read)(descriptor, bytes, length);
+    pthread_mutex_lock(&lock);
+    size_t count = length < answers->length ? length : answers->length;
+    memcpy(bytes, answers->bytes, count);
+    answers->length -= count;
+    memmove(answers->bytes, answers->bytes + count, answers->length);
+    pthread_mutex_unlock(&lock);
+    return (ssize_t)count;
+}
+
+/* Marks the descriptors that have an answer, and returns how many there are. */
+static int mark_answered(struct pollfd *polled, nfds_t count)
+{
+    int marked = 0;
+    for (nfds_t place = 0; place < count; place++) {
+        struct answers *answers = answers_of(polled[place].fd);
+        int is_answered = answers && answers->length && (polled[place].events & POLLIN);
+        polled[place].revents = is_answered ? POLLIN : 0;
+        marked += is_answered;
+    }
+    return marked;
+}
+
+int poll(struct pollfd *polled, nfds_t count, int timeout_ms)
+{
+    int marked = mark_answered(polled, count);
+    return marked ? marked : HIDDEN(poll)(polled, count, timeout_ms);
+}
+
+int ppoll(struct pollfd *polled, nfds_t count, const struct timespec *timeout, const sigset_t *mask)
+{
+    int marked = mark_answered(polled, count);
+    return marked ? marked : HIDDEN(ppoll)(polled, count, timeout, mask);
+}
+
+int tcflush(int descriptor, int queues)
+{
+    if (queues != TCOFLUSH)
+        forget(descriptor);
+    return HIDDEN(tcflush)(descriptor, queues);
+}
+
+int close(int descriptor)
+{
+    forget(descriptor);
+    return HIDDEN(close)(descriptor);
+}
+
+int ioctl(int descriptor, unsigned long request, ...)
+{
+    va_list values;
+    va_start(values, request);
+    void *argument = va_arg(values, void *);
+    va_end(values);
+    int result = HIDDEN(ioctl)(descriptor, request, argument);
+    struct answers *answers = answers_of(descriptor);
+    if (!result && request == FIONREAD && answers)
+        *(int *)argument += (int)answers->length;
+    return result;
 }

@@ -196,13 +196,14 @@ fn stop_does_not_wait_for_answers_that_do_not_come() {
         "const real = fetch; window.fetch = async (url, options) => { const answer = await real(url, options); \
          if (url.includes('release')) window.waited = window.settled; return answer; }",
     );
-    // A browser has six requests at a time under way. These begin when the hand goes down on the button. The console ends requests
-    // that the service does not answer after 3 s, and on a busy machine a hand can be as slow.
+    // A browser has six requests at a time under way. These begin when the hand goes down on the button. The console ends
+    // requests that the service does not answer after 3 s. On a busy machine, the hand may be lifted later than that.
     eventually("a STOP that has waited for no answer", || {
         console.service.seen.lock().unwrap().is_stuck = true;
         browser.value(
             "window.settled = 0; window.waited = undefined; import('./store.js').then(({ get }) => { \
-             const ask = () => { for (let n = 0; n < 12; n += 1) get('landmarks?' + n).catch(() => 0).finally(() => { settled += 1; }); }; \
+             const ask = () => { for (let n = 0; n < 12; n += 1) \
+             get('landmarks?' + n).catch(() => 0).finally(() => { settled += 1; }); }; \
              addEventListener('pointerdown', ask, { capture: true, once: true }); })",
         );
         browser.click("STOP");

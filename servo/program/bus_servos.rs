@@ -59,8 +59,8 @@ fn every_family_rests_without_a_camera_and_has_no_torque_after_the_end_and_after
     for (family, _) in FAMILIES {
         let bus = Bus::plugged_in(family, &[1, 4]);
         let links = link(&bus.device, family);
-        // The first servo takes 0.1 s for the 100 steps to its rest, so that the service is usually stopped in between. It waits
-        // until the servo is there, for a second at most, which may not be enough on a busy machine.
+        // The first servo takes 0.1 s for the 100 steps to its rest, so that the service is usually stopped in between. The
+        // service waits until the servo is there, for a second at most, which may not be enough on a busy machine.
         bus.lock().servos[0].motor = 1000.0;
         let service = Service::start(&[NO_CAMERA, &links].concat(), &[]);
         eventually("a servo on its way", || bus.servos()[0].1 > 505.0);

@@ -23,7 +23,7 @@ pub struct AnsweringDevice {
 }
 
 impl AnsweringDevice {
-    /// Plugs in a device that answers what it reads by `take`, which is also called with nothing while nothing comes.
+    /// Plugs in a device that answers what it reads by `take`, which gets an empty slice while nothing arrives.
     pub fn plugged_in(take: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) -> Self {
         let board = Board::plugged_in();
         let path = board.device.clone();

@@ -8,7 +8,7 @@ use facewire_face::{BLENDSHAPES, COEFFS};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::expression::Coefficients;
+use super::expression::{Coefficients, ROLLS};
 use crate::shapes::index_of;
 
 const ACTIVE: f32 = 0.3;
@@ -16,6 +16,8 @@ const ACTIVE: f32 = 0.3;
 pub const CONVERGENCE: f32 = 0.12;
 /// How far the lips are open, as `jawOpen` less `mouthClose`, to let the whole tongue pass.
 const LIPS_FOR_TONGUE: f32 = 0.15;
+/// How much of that a lip takes which is rolled in.
+const ROLLED_LIPS: f32 = 0.18;
 /// Pairs of shapes that are not active together on a real face.
 pub const EXCLUSIVE: [(&str, &str); 10] = [
     ("eyeBlinkLeft", "eyeWideLeft"),
@@ -38,6 +40,7 @@ static EXCLUSIVE_INDICES: LazyLock<[[usize; 2]; EXCLUSIVE.len()]> =
 pub static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
 static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
 static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
+static ROLL_INDICES: LazyLock<[usize; 2]> = LazyLock::new(|| ROLLS.map(index_of));
 pub static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,9 +135,11 @@ impl Gaze {
     }
 }
 
+/// If the lips are closed further than the jaw is open, opens the jaw as far, so that they meet, and in half of the cases further.
 pub fn open_for_closed_lips(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
     if face[*MOUTH_CLOSE] > face[*JAW_OPEN] {
-        face[*JAW_OPEN] = face[*MOUTH_CLOSE] + rng.random_range(0.0..0.4);
+        let further = if rng.random::<bool>() { rng.random_range(0.0..0.4) } else { 0.0 };
+        face[*JAW_OPEN] = face[*MOUTH_CLOSE] + further;
     }
 }
 
@@ -153,6 +158,7 @@ pub fn constrain(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
 pub fn enforce_limits(face: &mut Coefficients) {
     Gaze::of(face).set(face);
     face[*MOUTH_CLOSE] = face[*MOUTH_CLOSE].min(face[*JAW_OPEN]);
-    let lips_open = face[*JAW_OPEN] - face[*MOUTH_CLOSE];
+    let rolled = ROLL_INDICES.iter().map(|index| face[*index]).fold(0.0, f32::max);
+    let lips_open = (face[*JAW_OPEN] - face[*MOUTH_CLOSE] - ROLLED_LIPS * rolled).max(0.0);
     face[*TONGUE_OUT] = face[*TONGUE_OUT].min(lips_open / LIPS_FOR_TONGUE);
 }

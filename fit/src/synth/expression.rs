@@ -1,6 +1,8 @@
 //! Deforms the head by ARKit coefficients: moves the vertices of the rig's shapes and rotates the eyeballs. `tongueOut`
 //! has no shape: see `tongue.rs`.
 
+use std::collections::HashSet;
+
 use anyhow::{Context, Result, ensure};
 use facewire_face::{BLENDSHAPES, COEFFS};
 use glam::{Mat3, Vec3};
@@ -13,9 +15,17 @@ pub type Coefficients = [f32; COEFFS];
 /// Rotation of the rig's eyeballs per unit of `eyeLook`, sideways and up or down. The solver has ARKit's `FULL_GAZE_DEG`.
 pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
+/// The coefficients that roll in the upper and the lower lip.
+pub const ROLLS: [&str; 2] = ["mouthRollUpper", "mouthRollLower"];
+/// How far a row of teeth with its gums withdraws from its lip where that is rolled in, in centimetres. A lip is rolled in over
+/// the edges of its teeth, which cannot be seen then. The rig's lip passes through its teeth, and would bare them.
+const WITHDRAWAL_CM: f32 = 1.4;
+
 pub struct Deformer {
     drivers: Vec<(usize, usize, f32)>,
     eyes: [Eye; 2],
+    /// The vertices of the upper and the lower teeth with their gums, and the coefficient that rolls in their lip.
+    rows: [(Vec<u32>, usize); 2],
 }
 
 struct Eye {
@@ -31,7 +41,10 @@ impl Deformer {
         let drivers = shown.map(|(coefficient, name)| drivers(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
         let [left, right] = &rig.parts.eyes;
         let eyes = [Eye::new(left, "Left", 1.0), Eye::new(right, "Right", -1.0)];
-        Ok(Self { drivers: drivers.into_iter().flatten().collect(), eyes })
+        let [upper, lower] = rows(rig)?;
+        let [rolls_upper, rolls_lower] = ROLLS.map(index_of);
+        let rows = [(upper, rolls_upper), (lower, rolls_lower)];
+        Ok(Self { drivers: drivers.into_iter().flatten().collect(), eyes, rows })
     }
 
     pub fn deform(&self, rig: &Rig, base: &[Vec3], weights: &Coefficients, out: &mut Vec<Vec3>) {
@@ -46,7 +59,19 @@ impl Deformer {
             }
         }
         self.eyes.iter().for_each(|eye| eye.turn(weights, out));
+        for (row, roll) in &self.rows {
+            row.iter().for_each(|vertex| out[*vertex as usize].z -= WITHDRAWAL_CM * weights[*roll]);
+        }
     }
+}
+
+/// Returns the vertices of the upper and the lower teeth with their gums. The lower ones move with the jaw.
+fn rows(rig: &Rig) -> Result<[Vec<u32>; 2]> {
+    let jaw = rig.shape("jawOpen").context("the rig has no shape for jawOpen")?;
+    let moving: HashSet<u32> = rig.shapes[jaw].moves.iter().map(|(vertex, _)| *vertex).collect();
+    let mouth = vertices_of(&[rig.parts.gums.as_slice(), &rig.parts.teeth].concat());
+    let (lower, upper) = mouth.into_iter().partition(|vertex| moving.contains(vertex));
+    Ok([upper, lower])
 }
 
 fn drivers(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<(usize, usize, f32)>> {

@@ -78,6 +78,7 @@ impl Rig {
             neutral,
         };
         add_bust(&mut rig);
+        close_rolled_lips(&mut rig);
         Ok(rig)
     }
 
@@ -87,6 +88,29 @@ impl Rig {
 
     pub fn shape(&self, name: &str) -> Option<usize> {
         self.shapes.iter().position(|shape| shape.name == name)
+    }
+}
+
+/// How far a lip rises where it is rolled in most, in centimetres, so that it meets the other lip. The rig's upper lip leaves the
+/// mouth open, and its lower lip does so towards the corners.
+const RISES_CM: [(&str, f32); 2] = [("mouthRollUpper", -0.65), ("mouthRollLower", 0.35)];
+
+/// Makes a lip that is rolled in meet the other one, without moving further than the rig's.
+fn close_rolled_lips(rig: &mut Rig) {
+    for (name, rise_cm) in RISES_CM {
+        for shape in rig.shapes.iter_mut().filter(|shape| shape.name == name) {
+            let most = shape.most();
+            shape.moves.iter_mut().for_each(|(_, offset)| offset.y += rise_cm * offset.length() / most);
+            let scale = most / shape.most();
+            shape.moves.iter_mut().for_each(|(_, offset)| *offset *= scale);
+        }
+    }
+}
+
+impl Shape {
+    /// The largest displacement of a vertex.
+    fn most(&self) -> f32 {
+        self.moves.iter().map(|(_, offset)| offset.length()).fold(0.0, f32::max)
     }
 }
 

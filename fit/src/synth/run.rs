@@ -17,7 +17,7 @@ use super::worker::{ROW, Times, Worker};
 use crate::dataset::provenance;
 
 /// Increases when the same settings give other pictures.
-pub const EDITION: u32 = 12;
+pub const EDITION: u32 = 13;
 
 #[derive(Debug, Args)]
 pub struct Options {

@@ -76,3 +76,26 @@ fn both_halves_of_a_shape_move_and_closed_lips_meet_over_an_open_jaw() {
     let closed = deformed(&rig, &[("jawOpen", 1.0), ("mouthClose", 1.0)]);
     assert!(lips(&open) > 2.0 && (lips(&closed) - lips(&rig.neutral)).abs() < 0.1);
 }
+
+#[test]
+fn a_lip_that_is_rolled_in_meets_the_other_and_bares_no_teeth() {
+    let rig = rig();
+    let lips = [62, 66].map(|index| rig.landmarks[index]);
+    let jaw = deformed(&rig, &[("jawOpen", 1.0)]);
+    let teeth: Vec<usize> = rig.parts.teeth.iter().flatten().map(|vertex| *vertex as usize).collect();
+    let is_lower = |vertex: &usize| jaw[*vertex] != rig.neutral[*vertex];
+    // The depth of the foremost tooth of the row behind the upper or the lower lip.
+    let front = |points: &[Vec3], lip: usize| {
+        let row = teeth.iter().filter(|vertex| is_lower(vertex) == (lip == 1)).map(|vertex| points[*vertex].z);
+        row.fold(f32::NEG_INFINITY, f32::max)
+    };
+    for (rolled, row) in ROLLS.iter().zip([0, 1]) {
+        for weight in [0.3, 0.6, 1.0] {
+            let points = deformed(&rig, &[(rolled, weight)]);
+            let gap_cm = points[lips[0]].y - points[lips[1]].y;
+            assert!((-0.5..0.1).contains(&gap_cm), "{rolled} {weight}: {gap_cm}");
+            assert!(front(&points, row) < points[lips[row]].z, "{rolled} {weight}");
+            assert!((front(&points, 1 - row) - front(&rig.neutral, 1 - row)).abs() < 1e-4, "the other row stays");
+        }
+    }
+}

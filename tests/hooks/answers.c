@@ -33,21 +33,19 @@
 
 #define HIDDEN(name) ((__typeof__(&name))dlsym(RTLD_NEXT, #name))
 
-enum { WAIT_S = 10, FIRST_PTY_MAJOR = 136, LAST_PTY_MAJOR = 143, DESCRIPTORS = 1024, ANSWER_BYTES = 4096 };
+enum { WAIT_S = 10, FIRST_PTY_MAJOR = 136, LAST_PTY_MAJOR = 143, DESCRIPTORS = 256, ANSWER_BYTES = 1024 };
 
-/* What was answered at a descriptor and has not been read yet. */
-struct answers {
+/* What was answered at each descriptor and has not been read yet. */
+static struct answers {
     unsigned char bytes[ANSWER_BYTES];
     size_t length;
-};
-static struct answers *all_answers[DESCRIPTORS];
-static struct answers store[8];
+} all_answers[DESCRIPTORS];
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* Returns the answers of this descriptor, or NULL if it has none. */
+/* Returns the answers of this descriptor, or NULL if it cannot have any. */
 static struct answers *answers_of(int descriptor)
 {
-    return descriptor >= 0 && descriptor < DESCRIPTORS ? all_answers[descriptor] : NULL;
+    return descriptor >= 0 && descriptor < DESCRIPTORS ? &all_answers[descriptor] : NULL;
 }
 
 /* Connects to the device of this terminal. Returns -1 if it is no terminal of a simulated device. */
@@ -77,18 +75,11 @@ static int device_of(int terminal)
 /* Keeps an answer for the reader of this terminal. What does not fit is lost. */
 static void keep(int terminal, const unsigned char *answer, size_t length)
 {
-    pthread_mutex_lock(&lock);
-    for (size_t place = 0; terminal < DESCRIPTORS && !all_answers[terminal] && place < sizeof store / sizeof *store; place++) {
-        int is_used = 0;
-        for (int other = 0; other < DESCRIPTORS; other++)
-            is_used |= all_answers[other] == &store[place];
-        if (!is_used) {
-            store[place].length = 0;
-            all_answers[terminal] = &store[place];
-        }
-    }
     struct answers *answers = answers_of(terminal);
-    if (answers && length <= ANSWER_BYTES - answers->length) {
+    if (!answers)
+        return;
+    pthread_mutex_lock(&lock);
+    if (length <= ANSWER_BYTES - answers->length) {
         memcpy(answers->bytes + answers->length, answer, length);
         answers->length += length;
     }
@@ -97,10 +88,11 @@ static void keep(int terminal, const unsigned char *answer, size_t length)
 
 static void forget(int descriptor)
 {
-    if (!answers_of(descriptor))
+    struct answers *answers = answers_of(descriptor);
+    if (!answers)
         return;
     pthread_mutex_lock(&lock);
-    all_answers[descriptor] = NULL;
+    answers->length = 0;
     pthread_mutex_unlock(&lock);
 }
 

@@ -25,6 +25,7 @@ mod regression;
 mod smoothing;
 mod solver;
 mod turned;
+mod usual;
 mod view;
 
 use crate::model::Model;

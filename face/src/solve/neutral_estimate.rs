@@ -5,16 +5,19 @@
 //! only where the upper one is known as far, too.
 //!
 //! It judges rest by outputs that are measured from the mean of many people, not from the reference learned so far: otherwise
-//! a lasting half-smile would look more like rest the more of it was learned. The reference moves at a bounded speed.
-//! When another person sits down ([`super::identity`]), it moves back, and learning begins anew.
+//! a lasting half-smile would look more like rest the more of it was learned. A half that has never been seen at rest so, but
+//! returns to the same pose again and again, is at rest there ([`super::usual`]): of many people, large eyes read as wide, and
+//! low brows as lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
+//! back, and learning begins anew.
 //!
-//! Limits: nothing is learned of a wearer whose face at rest reads like an expression. Only a calibration helps then.
+//! Limits: nothing is learned of a wearer whose face at rest reads like a strong expression. Only a calibration helps then.
 
 use super::features::{Features, Neutral, Reference, measure};
 use super::filter::{approach, difference, passed, square};
 use super::halves::{HALF_OF_MEASURE, Half, Halves, half_of};
 use super::identity::{Identity, Verdict};
 use super::plausible::{BLINKS, GAZE, pick, put};
+use super::usual::Usual;
 use super::{COEFFS, Coefficients, Normalised};
 use crate::model::{MEASURES, Model};
 
@@ -74,6 +77,7 @@ struct Learned {
     /// The share of the wearer's face in the reference.
     share: f32,
     watch: RestWatch,
+    usual: Usual,
 }
 
 impl Default for NeutralEstimate {
@@ -186,9 +190,13 @@ impl NeutralEstimate {
         for (place, (output, rest)) in outputs.iter_mut().zip(&self.outputs).enumerate() {
             *output += known.of(half_of(place)) * rest;
         }
+        let shut = [[0.0; COEFFS], self.halves.upper.usual.rest()].map(|rest| {
+            let [left, right] = pick(&difference(outputs, rest), BLINKS);
+            left.max(right)
+        });
         let passed = Halves {
-            upper: self.halves.upper.learn(face, &outputs, Half::Upper, dt_s),
-            lower: self.halves.lower.learn(face, &outputs, Half::Lower, dt_s),
+            upper: self.halves.upper.learn(face, &outputs, shut, Half::Upper, dt_s),
+            lower: self.halves.lower.learn(face, &outputs, shut, Half::Lower, dt_s),
         };
         if passed == Halves::default() {
             return;
@@ -201,10 +209,10 @@ impl NeutralEstimate {
 
     fn forget(&mut self) {
         self.is_fading = self.halves.upper.share > 0.0;
-        self.halves.upper.evidence_s = 0.0;
-        self.halves.lower.evidence_s = 0.0;
+        for learned in [&mut self.halves.upper, &mut self.halves.lower] {
+            *learned = Learned { share: learned.share, ..Learned::default() };
+        }
         self.forgotten += 1;
-        self.forget_motion();
     }
 
     fn follow(&mut self, mode: NeutralMode, dt_s: f32) {
@@ -227,9 +235,16 @@ impl NeutralEstimate {
 }
 
 impl Learned {
-    /// Judges a frame, and returns its weight in the new mean, from 0 to 1.
-    fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], half: Half, dt_s: f32) -> f32 {
-        let weight_s = self.watch.weight(face, outputs, half, dt_s) * dt_s;
+    /// Judges a frame, and returns its weight in the new mean, from 0 to 1. `shut` tells how far a lid is shut, beyond that of
+    /// most people and of the wearer at rest.
+    fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], shut: [f32; 2], half: Half, dt_s: f32) -> f32 {
+        let own = of_half(outputs, half);
+        let still = self.watch.stillness(face, own, half, dt_s);
+        let [ordinary_shut, shut] = shut;
+        let ordinary = still * likeness(&own, &[0.0; COEFFS], ordinary_shut, half);
+        self.usual.see(&own, still >= STILL, if ordinary < LEAST_WEIGHT { 0.0 } else { ordinary }, dt_s);
+        let weight = still * likeness(&own, &self.usual.rest(), shut, half);
+        let weight_s = if weight < LEAST_WEIGHT { 0.0 } else { weight * dt_s };
         if weight_s <= 0.0 {
             return 0.0;
         }
@@ -239,7 +254,8 @@ impl Learned {
 
     /// The more evidence, and the nearer to rest the model reads its mean, the larger the share.
     fn deserved(&self, outputs: &[f32; COEFFS], half: Half) -> f32 {
-        let ratio = strength(&of_half(outputs, half)) / MOST_OUTPUT.of(half);
+        let expression = difference(of_half(outputs, half), self.usual.rest());
+        let ratio = strength(&expression) / MOST_OUTPUT.of(half);
         self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * (1.0 - ratio * ratio).max(0.0)
     }
 
@@ -282,6 +298,8 @@ const MOST_OUTPUT: Halves<f32> = Halves { upper: 0.5, lower: 0.45 };
 const MOST_SHUT: f32 = 0.3;
 /// Least weight that counts: a speaking mouth comes close to rest again and again, which would add up.
 const LEAST_WEIGHT: f32 = 0.05;
+/// Least stillness in which the half holds a pose.
+const STILL: f32 = 0.2;
 /// Distance of the outputs, averaged over `NOW_S`, from their recent average at which a half no longer counts as still. A mouth
 /// that speaks moves the landmarks of the brows, too.
 const MOST_MOTION: Halves<f32> = Halves { upper: 0.45, lower: 0.2 };
@@ -301,22 +319,11 @@ struct RestWatch {
 }
 
 impl RestWatch {
-    /// Returns from 0 to 1 how sure it is that this half of the face is at rest, `dt_s` seconds after the last frame.
-    fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], half: Half, dt_s: f32) -> f32 {
-        let own = of_half(outputs, half);
-        let motion = self.motion(own, dt_s) / MOST_MOTION.of(half);
+    /// Returns from 0 to 1 how sure it is that this half of the face is still and faces the camera, `dt_s` seconds after the
+    /// last frame.
+    fn stillness(&mut self, face: &Normalised, own: [f32; COEFFS], half: Half, dt_s: f32) -> f32 {
         let [yaw, pitch] = face.turns();
-        let [left, right] = pick(outputs, BLINKS);
-        let parts = [
-            yaw / FRONTAL[0],
-            pitch / FRONTAL[1],
-            strength(&own) / MOST_OUTPUT.of(half),
-            left.max(right).max(0.0) / MOST_SHUT,
-            motion,
-        ];
-        // Each part falls smoothly from 1 at 0 to 0 at 1 and beyond.
-        let weight = parts.iter().map(|ratio| (1.0 - ratio * ratio).max(0.0).powi(3)).product();
-        if weight < LEAST_WEIGHT { 0.0 } else { weight }
+        falling(self.motion(own, dt_s) / MOST_MOTION.of(half)) * falling(yaw / FRONTAL[0]) * falling(pitch / FRONTAL[1])
     }
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
@@ -332,6 +339,16 @@ impl RestWatch {
         self.motion = distance.max(self.motion * (-dt_s / CALM_S).exp());
         self.motion
     }
+}
+
+/// Falls smoothly from 1 at 0 to 0 at 1 and beyond.
+fn falling(ratio: f32) -> f32 {
+    (1.0 - ratio * ratio).max(0.0).powi(3)
+}
+
+/// From 0 to 1 how much like rest the outputs of a half are.
+fn likeness(own: &[f32; COEFFS], rest: &[f32; COEFFS], shut: f32, half: Half) -> f32 {
+    falling(strength(&difference(*own, *rest)) / MOST_OUTPUT.of(half)) * falling(shut.max(0.0) / MOST_SHUT)
 }
 
 /// Root sum square of the outputs. Those below 0 are no expression.
@@ -452,6 +469,20 @@ mod tests {
         assert!((estimate.brow() - 0.3).abs() < 0.01, "{}", estimate.brow());
         let estimate = watched(speaking(60).map(raised));
         assert_eq!(estimate.reference(), Reference::MEAN);
+    }
+
+    #[test]
+    fn large_and_narrow_eyes_are_learned_as_rest_once_the_brows_have_come_back_to_it() {
+        let large = Shot { brow: 0.5, ..REST }.with(&[index_of("eyeWideLeft"), index_of("eyeWideRight")], 0.38);
+        let narrow = Shot { brow: 0.5, ..REST }.with(&BLINKS, 0.33);
+        for rest in [large, narrow] {
+            assert_eq!(watched(rest.held(60)).reference(), Reference::MEAN, "who never moves may hold an expression");
+            let raised = rest.with(&RAISED, 0.8);
+            let estimate = watched((0..12).flat_map(|_| rest.held(5).chain(raised.held(1))));
+            let Halves { upper, lower } = estimate.reference().known;
+            assert!(upper > 0.95 && lower > 0.95, "{upper} {lower}");
+            assert!((estimate.brow() - 0.5).abs() < 0.02, "{}", estimate.brow());
+        }
     }
 
     #[test]

@@ -3,6 +3,8 @@ use facewire_fit::shapes::find;
 use facewire_fit::shapes::index_of;
 use facewire_fit::synth::anatomy::*;
 use facewire_fit::synth::expression::Coefficients;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 pub fn face(shapes: &[(&str, f32)]) -> Coefficients {
     let mut face = [0.0; COEFFS];
@@ -43,4 +45,22 @@ fn mirrored_and_joined_faces_take_each_side_from_its_face() {
     assert_eq!(mirrored(&one), face(&[("mouthSmileRight", 0.7), ("jawOpen", 0.4), ("jawRight", 0.2)]));
     assert_eq!(joined(&one, &[0.0; COEFFS]), face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.2), ("jawLeft", 0.2)]));
     assert_eq!(joined(&[0.0; COEFFS], &one), face(&[("jawOpen", 0.2)]));
+}
+
+#[test]
+fn lips_that_are_closed_over_an_open_jaw_meet_in_half_of_the_cases() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let meet = |_: &u32| {
+        let mut closed = face(&[("mouthClose", 0.5), ("jawOpen", 0.1)]);
+        open_for_closed_lips(&mut rng, &mut closed);
+        let jaw = closed[index_of("jawOpen")];
+        assert!((0.5..0.9).contains(&jaw), "{jaw}");
+        jaw == 0.5
+    };
+    let count = (0..1000).filter(meet).count();
+    assert!((450..550).contains(&count), "{count}");
+    let open = face(&[("mouthClose", 0.2), ("jawOpen", 0.6)]);
+    let mut same = open;
+    open_for_closed_lips(&mut rng, &mut same);
+    assert_eq!(same, open, "lips that do not meet stay so");
 }

@@ -72,24 +72,26 @@ static int device_of(int terminal)
     return -1;
 }
 
-/* Keeps an answer for the reader of this terminal. What does not fit is lost. */
+/* Keeps an answer for the reader of this terminal. What does not fit is lost, and standard error says so. */
 static void keep(int terminal, const unsigned char *answer, size_t length)
 {
     struct answers *answers = answers_of(terminal);
-    if (!answers)
-        return;
     pthread_mutex_lock(&lock);
-    if (length <= ANSWER_BYTES - answers->length) {
+    int fits = answers && length <= ANSWER_BYTES - answers->length;
+    if (fits) {
         memcpy(answers->bytes + answers->length, answer, length);
         answers->length += length;
     }
     pthread_mutex_unlock(&lock);
+    if (!fits)
+        fprintf(stderr, "answers.c: no place for an answer at descriptor %d\n", terminal);
 }
 
 static void forget(int descriptor)
 {
     struct answers *answers = answers_of(descriptor);
-    if (!answers)
+    // Most descriptors have none. A child of a fork, whose mutex may be locked for ever, has none either.
+    if (!answers || !answers->length)
         return;
     pthread_mutex_lock(&lock);
     answers->length = 0;
@@ -129,7 +131,8 @@ ssize_t read(int descriptor, void *bytes, size_t length)
     answers->length -= count;
     memmove(answers->bytes, answers->bytes + count, answers->length);
     pthread_mutex_unlock(&lock);
-    return (ssize_t)count;
+    // Another thread may have flushed or closed it meanwhile.
+    return count > 0 ? (ssize_t)count : HIDDEN(read)(descriptor, bytes, length);
 }
 
 /* Marks the descriptors that have an answer, and returns how many there are. */

@@ -6,11 +6,12 @@
 //!
 //! It judges rest by outputs that are measured from the mean of many people, not from the reference learned so far: otherwise
 //! a lasting half-smile would look more like rest the more of it was learned. A half that has never been seen at rest so, but
-//! returns to the same pose again and again, is at rest there ([`super::usual`]): of many people, large eyes read as wide, and
-//! low brows as lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
+//! returns to the same pose again and again, is at rest there ([`super::usual`]): large eyes read as wide, low brows as
+//! lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
 //! back, and learning begins anew.
 //!
-//! Limits: nothing is learned of a wearer whose face at rest reads like a strong expression. Only a calibration helps then.
+//! Limits: nothing is learned of a wearer whose face at rest reads like a strong expression, or like an expression that is held
+//! without a break. Only a calibration helps then.
 
 use super::features::{Features, Neutral, Reference, measure};
 use super::filter::{approach, difference, passed, square};
@@ -36,6 +37,8 @@ const SHORTEST_JUMP_S: f32 = 0.033;
 const HALF_EVIDENCE_S: f32 = 0.005;
 /// Most evidence that counts, seconds: beyond it, newer frames replace older ones.
 const MEMORY_S: f32 = 30.0;
+/// Most evidence that still counts where the wearer turns out to rest in another pose, seconds.
+const OTHER_REST_S: f32 = 0.5;
 /// Highest speeds at which the share of the wearer's face in the reference rises and falls.
 const RISE_PER_S: f32 = 0.1;
 const FALL_PER_S: f32 = 0.25;
@@ -119,7 +122,11 @@ impl NeutralEstimate {
         }
         let is_whole = self.halves.upper.evidence_s > 0.0 && self.halves.lower.evidence_s > 0.0;
         match model.process(&Features::at_rest(&self.mean)) {
-            Ok(Coefficients(outputs)) if is_whole => self.outputs = outputs,
+            Ok(Coefficients(outputs)) if is_whole => {
+                self.outputs = outputs;
+                self.halves.upper.usual.read_again(of_half(&outputs, Half::Upper));
+                self.halves.lower.usual.read_again(of_half(&outputs, Half::Lower));
+            }
             _ if mode == NeutralMode::Frozen => {}
             _ => self.halves = Halves::default(),
         }
@@ -190,10 +197,8 @@ impl NeutralEstimate {
         for (place, (output, rest)) in outputs.iter_mut().zip(&self.outputs).enumerate() {
             *output += known.of(half_of(place)) * rest;
         }
-        let shut = [[0.0; COEFFS], self.halves.upper.usual.rest()].map(|rest| {
-            let [left, right] = pick(&difference(outputs, rest), BLINKS);
-            left.max(right)
-        });
+        let [left, right] = pick(&difference(outputs, *self.halves.upper.usual.rest()), BLINKS);
+        let shut = left.max(right).max(0.0);
         let passed = Halves {
             upper: self.halves.upper.learn(face, &outputs, shut, Half::Upper, dt_s),
             lower: self.halves.lower.learn(face, &outputs, shut, Half::Lower, dt_s),
@@ -235,15 +240,20 @@ impl NeutralEstimate {
 }
 
 impl Learned {
-    /// Judges a frame, and returns its weight in the new mean, from 0 to 1. `shut` tells how far a lid is shut, beyond that of
-    /// most people and of the wearer at rest.
-    fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], shut: [f32; 2], half: Half, dt_s: f32) -> f32 {
+    /// Judges a frame in which the lids are `shut` further than the wearer's at rest. Returns its weight in the new mean, from 0
+    /// to 1.
+    fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], shut: f32, half: Half, dt_s: f32) -> f32 {
         let own = of_half(outputs, half);
-        let still = self.watch.stillness(face, own, half, dt_s);
-        let [ordinary_shut, shut] = shut;
-        let ordinary = still * likeness(&own, &[0.0; COEFFS], ordinary_shut, half);
-        self.usual.see(&own, still >= STILL, if ordinary < LEAST_WEIGHT { 0.0 } else { ordinary }, dt_s);
-        let weight = still * likeness(&own, &self.usual.rest(), shut, half);
+        let facing = facing(face);
+        let still = facing * self.watch.stillness(own, half, dt_s);
+        let open = falling(shut / MOST_SHUT);
+        if facing > 0.0 {
+            let ordinary = still * open * likeness(&own, &[0.0; COEFFS], half);
+            if self.usual.see(&own, still >= STILL, ordinary, dt_s) {
+                self.evidence_s = self.evidence_s.min(OTHER_REST_S);
+            }
+        }
+        let weight = still * open * likeness(&own, self.usual.rest(), half);
         let weight_s = if weight < LEAST_WEIGHT { 0.0 } else { weight * dt_s };
         if weight_s <= 0.0 {
             return 0.0;
@@ -254,7 +264,7 @@ impl Learned {
 
     /// The more evidence, and the nearer to rest the model reads its mean, the larger the share.
     fn deserved(&self, outputs: &[f32; COEFFS], half: Half) -> f32 {
-        let expression = difference(of_half(outputs, half), self.usual.rest());
+        let expression = difference(of_half(outputs, half), *self.usual.rest());
         let ratio = strength(&expression) / MOST_OUTPUT.of(half);
         self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * (1.0 - ratio * ratio).max(0.0)
     }
@@ -319,11 +329,9 @@ struct RestWatch {
 }
 
 impl RestWatch {
-    /// Returns from 0 to 1 how sure it is that this half of the face is still and faces the camera, `dt_s` seconds after the
-    /// last frame.
-    fn stillness(&mut self, face: &Normalised, own: [f32; COEFFS], half: Half, dt_s: f32) -> f32 {
-        let [yaw, pitch] = face.turns();
-        falling(self.motion(own, dt_s) / MOST_MOTION.of(half)) * falling(yaw / FRONTAL[0]) * falling(pitch / FRONTAL[1])
+    /// Returns from 0 to 1 how sure it is that this half of the face is still, `dt_s` seconds after the last frame.
+    fn stillness(&mut self, own: [f32; COEFFS], half: Half, dt_s: f32) -> f32 {
+        falling(self.motion(own, dt_s) / MOST_MOTION.of(half))
     }
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
@@ -346,9 +354,15 @@ fn falling(ratio: f32) -> f32 {
     (1.0 - ratio * ratio).max(0.0).powi(3)
 }
 
-/// From 0 to 1 how much like rest the outputs of a half are.
-fn likeness(own: &[f32; COEFFS], rest: &[f32; COEFFS], shut: f32, half: Half) -> f32 {
-    falling(strength(&difference(*own, *rest)) / MOST_OUTPUT.of(half)) * falling(shut.max(0.0) / MOST_SHUT)
+/// From 0 to 1 how much a face faces the camera.
+fn facing(face: &Normalised) -> f32 {
+    let [yaw, pitch] = face.turns();
+    falling(yaw / FRONTAL[0]) * falling(pitch / FRONTAL[1])
+}
+
+/// From 0 to 1 how much the outputs of a half are like those of rest.
+fn likeness(own: &[f32; COEFFS], rest: &[f32; COEFFS], half: Half) -> f32 {
+    falling(strength(&difference(*own, *rest)) / MOST_OUTPUT.of(half))
 }
 
 /// Root sum square of the outputs. Those below 0 are no expression.

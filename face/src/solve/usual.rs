@@ -1,77 +1,125 @@
 //! The pose to which a half of the face returns. It is at rest there, even if its outputs read like an expression: large eyes
 //! read as wide, low brows as lowered, thin lips as pressed.
+//!
+//! Limits: it takes some seconds of rest, and three expressions in between. Whoever is seen at ordinary rest now and then is
+//! at rest there and nowhere else. Whoever never is, and frowns at a screen for most of the time, has that frown learned.
 
 use super::COEFFS;
-use super::correction::smoothstep;
 use super::filter::{approach, difference, square};
-use super::plausible::{BLINKS, put};
+use super::plausible::{BLINKS, pick, put};
 
 /// Distance of outputs up to which two poses are the same one, and from which on the half has left it.
 const SAME: f32 = 0.3;
-const LEFT: f32 = 0.45;
+const LEFT: f32 = 0.4;
+/// Time after which the half has left its pose. A single frame may be wrong, seconds.
+const AWAY_S: f32 = 0.15;
 /// Time over which the outputs of the pose are averaged, seconds.
 const AVERAGE_S: f32 = 5.0;
-/// By how much the time in the pose must exceed the time in all others until it counts and until it is certain, and the most
-/// that is counted, seconds.
-const LEAD_S: [f32; 2] = [4.0, 10.0];
+/// By how much the time in the pose must exceed the time in others until it is rest, and the most that is counted, seconds.
+const LEAD_S: f32 = 8.0;
 const MOST_LEAD_S: f32 = 30.0;
 /// How often the half must have come back to the pose. Who raises their brows for a minute does not come back.
 const RETURNS: u32 = 3;
-/// Share of this lead at which evidence of ordinary rest makes the pose an expression: the half has been seen at rest elsewhere.
-const ORDINARY: f32 = 0.1;
-/// Root sum square of the outputs up to which the pose may be rest, and from which on it is an expression.
-const EXPRESSION: [f32; 2] = [0.75, 0.9];
+/// Outputs of the lids and root sum square of all from which on a pose cannot be rest: the eyes are shut, or it is a strong
+/// expression.
+const SHUT: f32 = 0.4;
+const EXPRESSION: f32 = 0.8;
+/// Least likeness to ordinary rest that counts, the evidence from which on the wearer is known to rest there, and the most that
+/// is counted, seconds, and the time in which 63 % of it is forgotten.
+const ORDINARY: f32 = 0.2;
+const ORDINARY_S: f32 = 0.5;
+const MOST_ORDINARY_S: f32 = 5.0;
+const FADES_S: f32 = 600.0;
 
-/// The pose in which a half of the face has been still for longer than in all others together, if there is one: whenever it is
-/// still in another pose, the lead falls, and where none is left, the other pose takes its place.
+/// What is known of how a half of the face rests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Usual {
+    rest: [f32; COEFFS],
+    pose: Pose,
+    /// Evidence of rest near the mean of many people.
+    ordinary_s: f32,
+}
+
+/// A pose in which a half of the face is still. Whenever it is still in another one, the lead falls, and where none is left,
+/// that one takes its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pose {
     outputs: [f32; COEFFS],
     lead_s: f32,
+    /// For how long the half has been away from the pose since it was last still there.
+    away_s: f32,
     returns: u32,
-    has_left: bool,
-    /// Evidence of rest near the mean of many people, seconds.
-    ordinary_s: f32,
 }
 
 impl Default for Usual {
     fn default() -> Self {
-        Self { outputs: [0.0; COEFFS], lead_s: 0.0, returns: 0, has_left: false, ordinary_s: 0.0 }
+        Self { rest: [0.0; COEFFS], pose: Pose::of([0.0; COEFFS]), ordinary_s: 0.0 }
     }
 }
 
 impl Usual {
-    /// Takes in the outputs of a half of the face in a frame, whether it is still, and how sure it is that this is ordinary
-    /// rest, from 0 to 1.
-    pub(super) fn see(&mut self, outputs: &[f32; COEFFS], is_still: bool, ordinary: f32, dt_s: f32) {
-        self.ordinary_s = (self.ordinary_s + ordinary * dt_s).min(MOST_LEAD_S);
-        let mut unlike = difference(*outputs, self.outputs);
-        let distance = square(unlike).sqrt();
-        // A blink is no other pose.
-        put(&mut unlike, BLINKS, [0.0; 2]);
-        self.has_left |= square(unlike).sqrt() > LEFT;
-        if !is_still {
+    /// The outputs of rest: 0 for ordinary rest, that of most people.
+    pub(super) fn rest(&self) -> &[f32; COEFFS] {
+        &self.rest
+    }
+
+    /// Takes in the outputs of a half of a face that faces the camera, whether it is still, and how much like ordinary rest it
+    /// is, from 0 to 1. Returns whether rest is another one now.
+    pub(super) fn see(&mut self, outputs: &[f32; COEFFS], is_still: bool, ordinary: f32, dt_s: f32) -> bool {
+        let before = self.rest;
+        let evidence_s = if ordinary < ORDINARY { 0.0 } else { ordinary * dt_s };
+        self.ordinary_s = (self.ordinary_s * (1.0 - dt_s / FADES_S) + evidence_s).min(MOST_ORDINARY_S);
+        if self.ordinary_s >= ORDINARY_S {
+            *self = Self { ordinary_s: self.ordinary_s, ..Self::default() };
+        } else {
+            self.pose.see(outputs, is_still, dt_s);
+            if self.pose.lead_s >= LEAD_S && self.pose.returns >= RETURNS {
+                self.rest = self.pose.outputs;
+            }
+        }
+        distance(&self.rest, &before) > SAME
+    }
+
+    /// Takes over what another model reads of the same face at rest.
+    pub(super) fn read_again(&mut self, outputs: [f32; COEFFS]) {
+        *self = if self.rest == [0.0; COEFFS] { Self::default() } else { Self { rest: outputs, ..Self::default() } };
+    }
+}
+
+impl Pose {
+    fn of(outputs: [f32; COEFFS]) -> Self {
+        Self { outputs, lead_s: 0.0, away_s: 0.0, returns: 0 }
+    }
+
+    fn see(&mut self, outputs: &[f32; COEFFS], is_still: bool, dt_s: f32) {
+        let [own, other] = [&self.outputs, outputs].map(|outputs| {
+            let mut open = *outputs;
+            // A blink is no other pose.
+            put(&mut open, BLINKS, [0.0; 2]);
+            open
+        });
+        if distance(&own, &other) > LEFT {
+            self.away_s += dt_s;
+        }
+        let [left, right] = pick(outputs, BLINKS);
+        if !is_still || left.max(right) > SHUT || square(*outputs).sqrt() > EXPRESSION {
             return;
         }
-        if distance <= SAME {
-            self.returns = self.returns.saturating_add(u32::from(self.has_left));
-            self.has_left = false;
+        if distance(&self.outputs, outputs) <= SAME {
+            self.returns = self.returns.saturating_add(u32::from(self.away_s >= AWAY_S));
+            self.away_s = 0.0;
             self.lead_s = (self.lead_s + dt_s).min(MOST_LEAD_S);
             approach(&mut self.outputs, outputs, (dt_s / self.lead_s.min(AVERAGE_S)).min(1.0));
         } else if self.lead_s > dt_s {
             self.lead_s -= dt_s;
         } else {
-            *self = Self { outputs: *outputs, ordinary_s: self.ordinary_s, ..Self::default() };
+            *self = Self::of(*outputs);
         }
     }
+}
 
-    /// The outputs of rest: those of this pose as far as it is certain, else those of ordinary rest, 0.
-    pub(super) fn rest(&self) -> [f32; COEFFS] {
-        let certain = if self.returns < RETURNS { 0.0 } else { smoothstep(self.lead_s, LEAD_S) };
-        let ordinary = (self.ordinary_s / (ORDINARY * self.lead_s.max(1.0))).min(1.0);
-        let expression = smoothstep(square(self.outputs).sqrt(), EXPRESSION);
-        self.outputs.map(|output| certain * (1.0 - ordinary) * (1.0 - expression) * output)
-    }
+fn distance(one: &[f32; COEFFS], other: &[f32; COEFFS]) -> f32 {
+    square(difference(*one, *other)).sqrt()
 }
 
 #[cfg(test)]
@@ -84,50 +132,110 @@ mod tests {
 
     const WIDE: [usize; 2] = [index_of("eyeWideLeft"), index_of("eyeWideRight")];
     const RAISED: [usize; 2] = [index_of("browOuterUpLeft"), index_of("browOuterUpRight")];
+    const NONE: [f32; COEFFS] = [0.0; COEFFS];
+    const LARGE_EYES: [f32; COEFFS] = with(NONE, WIDE, 0.4);
 
-    fn pose(places: [usize; 2], value: f32) -> [f32; COEFFS] {
-        let mut outputs = [0.0; COEFFS];
-        put(&mut outputs, places, [value; 2]);
+    const fn with(mut outputs: [f32; COEFFS], [left, right]: [usize; 2], value: f32) -> [f32; COEFFS] {
+        outputs[left] = value;
+        outputs[right] = value;
         outputs
     }
 
-    fn held(outputs: [f32; COEFFS], seconds: f32) -> impl Iterator<Item = [f32; COEFFS]> + Clone {
-        iter::repeat_n(outputs, (seconds / FRAME_S) as usize)
+    /// Shows a half whose likeness to ordinary rest is `ordinary`.
+    fn watch(usual: &mut Usual, outputs: [f32; COEFFS], ordinary: f32, is_still: bool, seconds: f32) {
+        (0..(seconds / FRAME_S) as usize).for_each(|_| {
+            usual.see(&outputs, is_still, ordinary, FRAME_S);
+        });
     }
 
-    /// What is known of rest after still frames with these outputs, all of which are this much like ordinary rest.
-    fn rest(ordinary: f32, frames: impl IntoIterator<Item = [f32; COEFFS]>) -> [f32; COEFFS] {
+    /// Shows rounds of 4 s in a pose, and another one for a while between them.
+    fn rounds(usual: &mut Usual, count: usize, pose: [f32; COEFFS], between: [f32; COEFFS], between_s: f32) {
+        for _ in 0..count {
+            watch(usual, pose, 0.0, true, 4.0);
+            watch(usual, between, 0.0, false, between_s);
+        }
+    }
+
+    fn large_eyed() -> Usual {
         let mut usual = Usual::default();
-        frames.into_iter().for_each(|outputs| usual.see(&outputs, true, ordinary, FRAME_S));
-        usual.rest()
+        rounds(&mut usual, 5, LARGE_EYES, with(LARGE_EYES, RAISED, 0.7), 1.0);
+        usual
     }
 
-    /// Large eyes at rest, and raised brows in between.
-    fn large_eyes(rounds: usize) -> impl Iterator<Item = [f32; COEFFS]> {
-        let round = held(pose(WIDE, 0.4), 4.0).chain(held(pose(RAISED, 0.7), 1.0));
-        iter::repeat_n(round, rounds).flatten()
-    }
-
-    #[test]
-    fn the_pose_to_which_a_half_returns_is_rest_and_one_that_is_only_held_or_interrupted_by_blinks_is_not() {
-        assert_eq!(rest(0.0, large_eyes(3)), [0.0; COEFFS]);
-        let learned = rest(0.0, large_eyes(5));
-        assert!(WIDE.iter().all(|place| (learned[*place] - 0.4).abs() < 0.01), "{learned:?}");
-        let blinks = held(pose(RAISED, 0.4), 4.0).chain(held(pose(BLINKS, 0.9), 0.2));
-        assert_eq!(rest(0.0, iter::repeat_n(blinks, 20).flatten()), [0.0; COEFFS]);
+    fn is_at(usual: &Usual, pose: [f32; COEFFS]) -> bool {
+        distance(usual.rest(), &pose) < 0.02
     }
 
     #[test]
-    fn a_pose_is_no_rest_if_the_half_is_seen_at_ordinary_rest_or_if_it_is_a_strong_expression() {
-        assert_eq!(rest(0.1, large_eyes(5)), [0.0; COEFFS]);
-        let strong = held(pose(WIDE, 0.7), 4.0).chain(held([0.0; COEFFS], 1.0));
-        assert_eq!(rest(0.0, iter::repeat_n(strong, 5).flatten()), [0.0; COEFFS]);
+    fn the_pose_to_which_a_half_returns_is_rest_and_one_that_is_only_held_is_not() {
+        assert!(is_at(&large_eyed(), LARGE_EYES));
+        let raised = with(NONE, RAISED, 0.4);
+        let blinking = with(raised, BLINKS, 0.9);
+        let wrong = with(NONE, WIDE, 0.7);
+        for (between, between_s) in [(raised, 1.0), (blinking, 0.2), (wrong, FRAME_S)] {
+            let mut usual = Usual::default();
+            rounds(&mut usual, 20, raised, between, between_s);
+            assert!(is_at(&usual, NONE), "{between_s}");
+        }
     }
 
     #[test]
-    fn a_pose_that_takes_more_than_half_of_the_time_takes_the_place_of_another() {
-        let before = held(pose(RAISED, 0.7), 10.0);
-        let learned = rest(0.0, before.chain(large_eyes(10)));
-        assert!(WIDE.iter().all(|place| (learned[*place] - 0.4).abs() < 0.01), "{learned:?}");
+    fn a_strong_expression_and_shut_eyes_are_no_rest_and_change_nothing() {
+        for pose in [with(NONE, RAISED, 0.6), with(NONE, BLINKS, 0.45)] {
+            let mut usual = Usual::default();
+            rounds(&mut usual, 20, pose, with(NONE, WIDE, 0.7), 1.0);
+            assert!(is_at(&usual, NONE));
+            let mut usual = large_eyed();
+            watch(&mut usual, pose, 0.0, true, 600.0);
+            assert!(is_at(&usual, LARGE_EYES));
+        }
+    }
+
+    #[test]
+    fn ordinary_rest_is_rest_however_long_another_pose_lasts_and_whichever_was_seen_first() {
+        let smile = with(NONE, [23, 24], 0.3);
+        let mut usual = Usual::default();
+        for _ in 0..20 {
+            watch(&mut usual, NONE, 0.8, true, 1.0);
+            rounds(&mut usual, 10, smile, with(NONE, WIDE, 0.7), 1.0);
+            assert!(is_at(&usual, NONE));
+        }
+        let mut usual = large_eyed();
+        watch(&mut usual, NONE, 0.8, true, 1.0);
+        assert!(is_at(&usual, NONE));
+    }
+
+    #[test]
+    fn rest_that_is_a_little_like_ordinary_rest_is_known_after_hours() {
+        let mut usual = Usual::default();
+        for _ in 0..1000 {
+            watch(&mut usual, LARGE_EYES, 0.17, true, 4.0);
+            watch(&mut usual, with(NONE, RAISED, 0.7), 0.0, true, 1.0);
+        }
+        assert!(is_at(&usual, LARGE_EYES));
+    }
+
+    #[test]
+    fn another_pose_is_rest_only_once_the_half_has_come_back_to_it_too() {
+        let mut usual = large_eyed();
+        let lowered = with(NONE, RAISED, -0.4);
+        watch(&mut usual, lowered, 0.0, true, 120.0);
+        assert!(is_at(&usual, LARGE_EYES), "it has been held once");
+        rounds(&mut usual, 5, lowered, with(NONE, RAISED, 0.7), 1.0);
+        assert!(is_at(&usual, lowered));
+    }
+
+    #[test]
+    fn another_model_reads_the_same_rest_and_what_was_ordinary_for_the_first_one_does_not_count() {
+        let mut usual = large_eyed();
+        let read = with(NONE, WIDE, 0.1);
+        usual.read_again(read);
+        assert!(is_at(&usual, read));
+        let mut usual = Usual::default();
+        watch(&mut usual, NONE, 0.8, true, 10.0);
+        usual.read_again(LARGE_EYES);
+        assert!(is_at(&usual, NONE), "ordinary rest");
+        rounds(&mut usual, 5, LARGE_EYES, with(NONE, RAISED, 0.7), 1.0);
+        assert!(is_at(&usual, LARGE_EYES));
     }
 }

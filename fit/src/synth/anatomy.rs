@@ -16,7 +16,7 @@ const ACTIVE: f32 = 0.3;
 pub const CONVERGENCE: f32 = 0.12;
 /// How far the lips are open, as `jawOpen` less `mouthClose`, to let the whole tongue pass.
 const LIPS_FOR_TONGUE: f32 = 0.15;
-/// How much of that a lip takes which is rolled in.
+/// How much of this opening a lip fills that is rolled in most.
 const ROLLED_LIPS: f32 = 0.18;
 /// Pairs of shapes that are not active together on a real face.
 pub const EXCLUSIVE: [(&str, &str); 10] = [

@@ -78,7 +78,7 @@ impl Rig {
             neutral,
         };
         add_bust(&mut rig);
-        close_rolled_lips(&mut rig);
+        close_rolled_lips(&mut rig)?;
         Ok(rig)
     }
 
@@ -91,20 +91,22 @@ impl Rig {
     }
 }
 
-/// How far a lip rises where it is rolled in most, in centimetres, so that it meets the other lip. The rig's upper lip leaves the
-/// mouth open, and its lower lip does so towards the corners.
+/// What is added to the motion of a lip that is rolled in where it moves most, before it is scaled to its former size, upwards
+/// in centimetres: the rig's upper lip leaves the mouth open, and its lower lip does so towards the corners.
 const RISES_CM: [(&str, f32); 2] = [("mouthRollUpper", -0.65), ("mouthRollLower", 0.35)];
 
 /// Makes a lip that is rolled in meet the other one, without moving further than the rig's.
-fn close_rolled_lips(rig: &mut Rig) {
+fn close_rolled_lips(rig: &mut Rig) -> Result<()> {
     for (name, rise_cm) in RISES_CM {
-        for shape in rig.shapes.iter_mut().filter(|shape| shape.name == name) {
-            let most = shape.most();
-            shape.moves.iter_mut().for_each(|(_, offset)| offset.y += rise_cm * offset.length() / most);
-            let scale = most / shape.most();
-            shape.moves.iter_mut().for_each(|(_, offset)| *offset *= scale);
-        }
+        let place = rig.shape(name).with_context(|| format!("the rig has no shape {name}"))?;
+        let shape = &mut rig.shapes[place];
+        let most = shape.most();
+        ensure!(most > 0.0, "the rig's shape {name} moves nothing");
+        shape.moves.iter_mut().for_each(|(_, offset)| offset.y += rise_cm * offset.length() / most);
+        let scale = most / shape.most();
+        shape.moves.iter_mut().for_each(|(_, offset)| *offset *= scale);
     }
+    Ok(())
 }
 
 impl Shape {

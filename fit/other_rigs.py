@@ -7,8 +7,8 @@ It rests for 30 frames. Then each blendshape rises and falls by itself, but both
 with jawOpen. The 80 frames of each recording in which most moves follow, and then emotions and other combinations.
 NAME-LIGHT.avi is the video, and NAME-LIGHT.csv has the true coefficients, which `facewire-fit evaluate` reads, too.
 
-`judge` runs `facewire track` on these videos, with the neutral face from the 30 frames (known) and with `--neutral auto`, and
-prints for each video
+`judge` runs `facewire track` on these videos, with the neutral face from the 30 frames (known), with `--neutral auto`, and with
+the latter after the video has been shown twice before (watched), and prints for each video
 
     r      Pearson's correlation, mean over the coefficients that move (standard deviation of the truth above 0.02)
     MSE    mean squared error, mean over 51 coefficients (all but tongueOut)
@@ -269,6 +269,15 @@ def track(video, *options):
         return read(out)
 
 
+def track_again(video, *options):
+    """Returns the curves of one video that has been shown twice before."""
+    with tempfile.TemporaryDirectory() as folder:
+        shown = f"{folder}/shown.avi"
+        subprocess.run(["ffmpeg", "-v", "error", "-nostdin", "-stream_loop", "2", "-i", video, "-c", "copy", shown], check=True)
+        curves = track(shown, *options)
+    return {name: curve[-(len(curve) // 3):] for name, curve in curves.items()}
+
+
 def by_mediapipe(video, model):
     """Returns the curves of one video by MediaPipe, and keeps them beside the video."""
     path = curves_of_mediapipe(video)
@@ -340,6 +349,7 @@ def judge_all(arguments):
         truth = read(video.with_suffix(".csv"))
         neutral = {"known": f"0..{REST_FRAMES}", "auto": "auto"}
         found = {name: track(video, "--neutral", option, *options) for name, option in neutral.items()}
+        found["watched"] = track_again(video, "--neutral", "auto", *options)
         theirs = by_mediapipe(video, arguments.mediapipe)
         if theirs:
             found["MediaPipe"] = theirs

@@ -64,3 +64,14 @@ fn lips_that_are_closed_over_an_open_jaw_meet_in_half_of_the_cases() {
     open_for_closed_lips(&mut rng, &mut same);
     assert_eq!(same, open, "lips that do not meet stay so");
 }
+
+#[test]
+fn rolled_lips_leave_less_room_for_the_tongue() {
+    let tongue = |roll: f32| {
+        let mut out = face(&[("jawOpen", 0.3), ("mouthClose", 0.1), ("mouthRollLower", roll), ("tongueOut", 1.0)]);
+        enforce_limits(&mut out);
+        out[index_of("tongueOut")]
+    };
+    assert_eq!(tongue(0.0), 1.0);
+    assert!((0.1..0.2).contains(&tongue(1.0)), "{}", tongue(1.0));
+}

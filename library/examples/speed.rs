@@ -1,5 +1,5 @@
 //! Times a tracker on the built-in clip in several formats, and prints what it adds to the memory of the process:
-//! `cargo run --release -p facewire-library --features built-in --example time [ROUNDS]`
+//! `cargo run --release -p facewire-library --features built-in --example speed [ROUNDS]`
 //!
 //! A round plays the first two seconds once in each format, so that all formats see the same state of the machine. Each picture
 //! is first copied into the same memory, as a camera does.

@@ -197,7 +197,7 @@ impl NeutralEstimate {
         for (place, (output, rest)) in outputs.iter_mut().zip(&self.outputs).enumerate() {
             *output += known.of(half_of(place)) * rest;
         }
-        let [left, right] = pick(&difference(outputs, *self.halves.upper.usual.rest()), BLINKS);
+        let [left, right] = pick(&difference(outputs, self.halves.upper.usual.rest()), BLINKS);
         let shut = left.max(right).max(0.0);
         let passed = Halves {
             upper: self.halves.upper.learn(face, &outputs, shut, Half::Upper, dt_s),
@@ -253,7 +253,7 @@ impl Learned {
                 self.evidence_s = self.evidence_s.min(OTHER_REST_S);
             }
         }
-        let weight = still * open * likeness(&own, self.usual.rest(), half);
+        let weight = still * open * likeness(&own, &self.usual.rest(), half);
         let weight_s = if weight < LEAST_WEIGHT { 0.0 } else { weight * dt_s };
         if weight_s <= 0.0 {
             return 0.0;
@@ -264,7 +264,7 @@ impl Learned {
 
     /// The more evidence, and the nearer to rest the model reads its mean, the larger the share.
     fn deserved(&self, outputs: &[f32; COEFFS], half: Half) -> f32 {
-        let expression = difference(of_half(outputs, half), *self.usual.rest());
+        let expression = difference(of_half(outputs, half), self.usual.rest());
         let ratio = strength(&expression) / MOST_OUTPUT.of(half);
         self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * (1.0 - ratio * ratio).max(0.0)
     }

@@ -32,9 +32,10 @@ const MOST_ORDINARY_S: f32 = 5.0;
 const FADES_S: f32 = 600.0;
 
 /// What is known of how a half of the face rests.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Usual {
-    rest: [f32; COEFFS],
+    /// The outputs of rest, if it is not ordinary.
+    rest: Option<[f32; COEFFS]>,
     pose: Pose,
     /// Evidence of rest near the mean of many people.
     ordinary_s: f32,
@@ -51,22 +52,22 @@ struct Pose {
     returns: u32,
 }
 
-impl Default for Usual {
+impl Default for Pose {
     fn default() -> Self {
-        Self { rest: [0.0; COEFFS], pose: Pose::of([0.0; COEFFS]), ordinary_s: 0.0 }
+        Self::of([0.0; COEFFS])
     }
 }
 
 impl Usual {
     /// The outputs of rest: 0 for ordinary rest, that of most people.
-    pub(super) fn rest(&self) -> &[f32; COEFFS] {
-        &self.rest
+    pub(super) fn rest(&self) -> [f32; COEFFS] {
+        self.rest.unwrap_or([0.0; COEFFS])
     }
 
     /// Takes in the outputs of a half of a face that faces the camera, whether it is still, and how much like ordinary rest it
     /// is, from 0 to 1. Returns whether rest is another one now.
     pub(super) fn see(&mut self, outputs: &[f32; COEFFS], is_still: bool, ordinary: f32, dt_s: f32) -> bool {
-        let before = self.rest;
+        let before = self.rest();
         let evidence_s = if ordinary < ORDINARY { 0.0 } else { ordinary * dt_s };
         self.ordinary_s = (self.ordinary_s * (1.0 - dt_s / FADES_S) + evidence_s).min(MOST_ORDINARY_S);
         if self.ordinary_s >= ORDINARY_S {
@@ -74,15 +75,15 @@ impl Usual {
         } else {
             self.pose.see(outputs, is_still, dt_s);
             if self.pose.lead_s >= LEAD_S && self.pose.returns >= RETURNS {
-                self.rest = self.pose.outputs;
+                self.rest = Some(self.pose.outputs);
             }
         }
-        distance(&self.rest, &before) > SAME
+        distance(&self.rest(), &before) > SAME
     }
 
     /// Takes over what another model reads of the same face at rest.
     pub(super) fn read_again(&mut self, outputs: [f32; COEFFS]) {
-        *self = if self.rest == [0.0; COEFFS] { Self::default() } else { Self { rest: outputs, ..Self::default() } };
+        *self = Self { rest: self.rest.map(|_| outputs), ..Self::default() };
     }
 }
 
@@ -124,8 +125,6 @@ fn distance(one: &[f32; COEFFS], other: &[f32; COEFFS]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use core::iter;
-
     use super::*;
     use crate::solve::filter::FRAME_S;
     use crate::solve::plausible::index_of;
@@ -143,9 +142,11 @@ mod tests {
 
     /// Shows a half whose likeness to ordinary rest is `ordinary`.
     fn watch(usual: &mut Usual, outputs: [f32; COEFFS], ordinary: f32, is_still: bool, seconds: f32) {
-        (0..(seconds / FRAME_S) as usize).for_each(|_| {
+        let mut shown_s = 0.5 * FRAME_S;
+        while shown_s < seconds {
             usual.see(&outputs, is_still, ordinary, FRAME_S);
-        });
+            shown_s += FRAME_S;
+        }
     }
 
     /// Shows rounds of 4 s in a pose, and another one for a while between them.
@@ -163,7 +164,7 @@ mod tests {
     }
 
     fn is_at(usual: &Usual, pose: [f32; COEFFS]) -> bool {
-        distance(usual.rest(), &pose) < 0.02
+        distance(&usual.rest(), &pose) < 0.02
     }
 
     #[test]

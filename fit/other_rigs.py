@@ -8,7 +8,7 @@ with jawOpen. The 80 frames of each recording in which most moves follow, and th
 NAME-LIGHT.avi is the video, and NAME-LIGHT.csv has the true coefficients, which `facewire-fit evaluate` reads, too.
 
 `judge` runs `facewire track` on these videos, with the neutral face from the 30 frames (known), with `--neutral auto`, and with
-the latter after the video has been shown twice before (watched), and prints for each video
+`--neutral auto` on the third showing of the video (watched). It prints for each video
 
     r      Pearson's correlation, mean over the coefficients that move (standard deviation of the truth above 0.02)
     MSE    mean squared error, mean over 51 coefficients (all but tongueOut)
@@ -275,6 +275,8 @@ def track_again(video, *options):
         shown = f"{folder}/shown.avi"
         subprocess.run(["ffmpeg", "-v", "error", "-nostdin", "-stream_loop", "2", "-i", video, "-c", "copy", shown], check=True)
         curves = track(shown, *options)
+    if any(len(curve) % 3 for curve in curves.values()):
+        raise SystemExit(f"{video}: a frame was lost when the video was shown three times")
     return {name: curve[-(len(curve) // 3):] for name, curve in curves.items()}
 
 

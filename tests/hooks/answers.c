@@ -38,7 +38,7 @@ enum { WAIT_S = 10, FIRST_PTY_MAJOR = 136, LAST_PTY_MAJOR = 143, DESCRIPTORS = 2
 /* What was answered at each descriptor and has not been read yet. */
 static struct answers {
     unsigned char bytes[ANSWER_BYTES];
-    size_t length;
+    _Atomic size_t length;
 } all_answers[DESCRIPTORS];
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
@@ -90,7 +90,7 @@ static void keep(int terminal, const unsigned char *answer, size_t length)
 static void forget(int descriptor)
 {
     struct answers *answers = answers_of(descriptor);
-    // Most descriptors have none. A child of a fork, whose mutex may be locked for ever, has none either.
+    // Most descriptors have none.
     if (!answers || !answers->length)
         return;
     pthread_mutex_lock(&lock);
@@ -116,6 +116,8 @@ ssize_t write(int descriptor, const void *bytes, size_t length)
     HIDDEN(close)(device);
     if (is_answered && answered > 0)
         keep(descriptor, answer, answered);
+    if (!is_answered)
+        fprintf(stderr, "answers.c: no answer, or one of more than %d bytes, at descriptor %d\n", ANSWER_BYTES, descriptor);
     errno = saved;
     return (ssize_t)length;
 }

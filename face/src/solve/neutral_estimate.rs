@@ -5,8 +5,8 @@
 //! only where the upper one is known as far, too.
 //!
 //! It judges rest by outputs that are measured from the mean of many people, not from the reference learned so far: otherwise
-//! a lasting half-smile would look more like rest the more of it was learned. A half that has never been seen at rest so, but
-//! returns to the same pose again and again, is at rest there ([`super::usual`]): large eyes read as wide, low brows as
+//! a lasting half-smile would look more like rest the more of it was learned. A half that is never seen at rest by this measure, but
+//! returns to the same pose again and again, is at rest in that pose ([`super::usual`]): large eyes read as wide, low brows as
 //! lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
 //! back, and learning begins anew.
 //!
@@ -37,7 +37,7 @@ const SHORTEST_JUMP_S: f32 = 0.033;
 const HALF_EVIDENCE_S: f32 = 0.005;
 /// Most evidence that counts, seconds: beyond it, newer frames replace older ones.
 const MEMORY_S: f32 = 30.0;
-/// Most evidence that still counts where the wearer turns out to rest in another pose, seconds.
+/// The most evidence that is kept when the wearer turns out to rest in another pose, seconds.
 const OTHER_REST_S: f32 = 0.5;
 /// Highest speeds at which the share of the wearer's face in the reference rises and falls.
 const RISE_PER_S: f32 = 0.1;
@@ -63,8 +63,9 @@ pub(super) struct NeutralEstimate {
     mean: Box<[f32; MEASURES]>,
     /// Mean of the outputs at rest, measured from the mean of many people.
     outputs: [f32; COEFFS],
-    /// The wearer's face in the reference, of which each half makes up a share.
+    /// The wearer's face in the reference, of which each half makes up a share, and its outputs. They follow the means.
     used: Neutral,
+    used_outputs: [f32; COEFFS],
     halves: Halves<Learned>,
     /// Whether `used` shows somebody who has left.
     is_fading: bool,
@@ -90,6 +91,7 @@ impl Default for NeutralEstimate {
             mean: measures.clone(),
             outputs: [0.0; COEFFS],
             used: Neutral { measures },
+            used_outputs: [0.0; COEFFS],
             halves: Halves::default(),
             is_fading: false,
             forgotten: 0,
@@ -102,10 +104,11 @@ impl Default for NeutralEstimate {
 impl NeutralEstimate {
     /// Begins anew. Does not allocate.
     pub(super) fn reset(&mut self) {
-        let Self { mean, outputs, used, halves, is_fading, forgotten, identity, position } = self;
+        let Self { mean, outputs, used, used_outputs, halves, is_fading, forgotten, identity, position } = self;
         mean.fill(0.0);
         used.measures.fill(0.0);
         *outputs = [0.0; COEFFS];
+        *used_outputs = [0.0; COEFFS];
         *halves = Halves::default();
         *is_fading = false;
         *forgotten = 0;
@@ -123,9 +126,12 @@ impl NeutralEstimate {
         let is_whole = self.halves.upper.evidence_s > 0.0 && self.halves.lower.evidence_s > 0.0;
         match model.process(&Features::at_rest(&self.mean)) {
             Ok(Coefficients(outputs)) if is_whole => {
-                self.outputs = outputs;
-                self.halves.upper.usual.read_again(of_half(&outputs, Half::Upper));
-                self.halves.lower.usual.read_again(of_half(&outputs, Half::Lower));
+                let before = std::mem::replace(&mut self.outputs, outputs);
+                self.used_outputs = outputs;
+                let [upper, lower] =
+                    [Half::Upper, Half::Lower].map(|half| [&before, &outputs].map(|all| of_half(all, half)));
+                self.halves.upper.usual.read_again(&upper[0], upper[1]);
+                self.halves.lower.usual.read_again(&lower[0], lower[1]);
             }
             _ if mode == NeutralMode::Frozen => {}
             _ => self.halves = Halves::default(),
@@ -194,7 +200,7 @@ impl NeutralEstimate {
 
     fn learn(&mut self, face: &Normalised, raw: &Coefficients, known: Halves<f32>, dt_s: f32) {
         let mut outputs = raw.0;
-        for (place, (output, rest)) in outputs.iter_mut().zip(&self.outputs).enumerate() {
+        for (place, (output, rest)) in outputs.iter_mut().zip(&self.used_outputs).enumerate() {
             *output += known.of(half_of(place)) * rest;
         }
         let [left, right] = pick(&difference(outputs, self.halves.upper.usual.rest()), BLINKS);
@@ -230,18 +236,18 @@ impl NeutralEstimate {
         // The lower share is never larger.
         self.is_fading &= upper.share > 0.0;
         if is_wanted {
-            approach_by_halves(
-                &mut self.used.measures,
-                &self.mean,
-                Halves { upper: upper_passed, lower: lower_passed },
-            );
+            let passed = Halves { upper: upper_passed, lower: lower_passed };
+            approach_by_halves(&mut self.used.measures, &self.mean, passed);
+            for (place, (used, output)) in self.used_outputs.iter_mut().zip(&self.outputs).enumerate() {
+                *used += passed.of(half_of(place)) * (output - *used);
+            }
         }
     }
 }
 
 impl Learned {
-    /// Judges a frame in which the lids are `shut` further than the wearer's at rest. Returns its weight in the new mean, from 0
-    /// to 1.
+    /// Judges a frame and returns its weight in the new mean, from 0 to 1. `shut` is how much further the lids are shut than at
+    /// the wearer's rest.
     fn learn(&mut self, face: &Normalised, outputs: &[f32; COEFFS], shut: f32, half: Half, dt_s: f32) -> f32 {
         let own = of_half(outputs, half);
         let facing = facing(face);
@@ -264,8 +270,7 @@ impl Learned {
 
     /// The more evidence, and the nearer to rest the model reads its mean, the larger the share.
     fn deserved(&self, outputs: &[f32; COEFFS], half: Half) -> f32 {
-        let expression = difference(of_half(outputs, half), self.usual.rest());
-        let ratio = strength(&expression) / MOST_OUTPUT.of(half);
+        let ratio = expression(&of_half(outputs, half), &self.usual.rest()) / MOST_OUTPUT.of(half);
         self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * (1.0 - ratio * ratio).max(0.0)
     }
 
@@ -308,7 +313,7 @@ const MOST_OUTPUT: Halves<f32> = Halves { upper: 0.5, lower: 0.45 };
 const MOST_SHUT: f32 = 0.3;
 /// Least weight that counts: a speaking mouth comes close to rest again and again, which would add up.
 const LEAST_WEIGHT: f32 = 0.05;
-/// Least stillness in which the half holds a pose.
+/// The least stillness at which a half counts as holding a pose.
 const STILL: f32 = 0.2;
 /// Distance of the outputs, averaged over `NOW_S`, from their recent average at which a half no longer counts as still. A mouth
 /// that speaks moves the landmarks of the brows, too.
@@ -362,12 +367,13 @@ fn facing(face: &Normalised) -> f32 {
 
 /// From 0 to 1 how much the outputs of a half are like those of rest.
 fn likeness(own: &[f32; COEFFS], rest: &[f32; COEFFS], half: Half) -> f32 {
-    falling(strength(&difference(*own, *rest)) / MOST_OUTPUT.of(half))
+    falling(expression(own, rest) / MOST_OUTPUT.of(half))
 }
 
-/// Root sum square of the outputs. Those below 0 are no expression.
-fn strength(outputs: &[f32; COEFFS]) -> f32 {
-    square(outputs.map(|value| value.max(0.0))).sqrt()
+/// The distance of outputs from those of rest. Outputs below 0 are no expression.
+fn expression(outputs: &[f32; COEFFS], rest: &[f32; COEFFS]) -> f32 {
+    let [outputs, rest] = [outputs, rest].map(|outputs| outputs.map(|value| value.max(0.0)));
+    square(difference(outputs, rest)).sqrt()
 }
 
 #[cfg(test)]
@@ -435,11 +441,11 @@ mod tests {
             shots.into_iter().for_each(|shot| self.step(mode, &shot, FRAME_S));
         }
 
-        /// Shows a frame, for which the regression gives less of what is at rest the more the wearer is known.
+        /// Shows a frame, for which the regression gives less of what it reads from the reference the more of that is the wearer's.
         fn step(&mut self, mode: NeutralMode, shot: &Shot, step_s: f32) {
             let mut raw = shot.outputs;
             let known = self.reference().known;
-            for (place, (raw, rest)) in raw.iter_mut().zip(&self.outputs).enumerate() {
+            for (place, (raw, rest)) in raw.iter_mut().zip(&self.used_outputs).enumerate() {
                 *raw -= known.of(half_of(place)) * rest;
             }
             self.update(mode, &shot.face(), &Coefficients(raw), known, step_s);
@@ -490,13 +496,36 @@ mod tests {
         let large = Shot { brow: 0.5, ..REST }.with(&[index_of("eyeWideLeft"), index_of("eyeWideRight")], 0.38);
         let narrow = Shot { brow: 0.5, ..REST }.with(&BLINKS, 0.33);
         for rest in [large, narrow] {
-            assert_eq!(watched(rest.held(60)).reference(), Reference::MEAN, "who never moves may hold an expression");
+            assert_eq!(
+                watched(rest.held(60)).reference(),
+                Reference::MEAN,
+                "a wearer who never moves may be holding an expression"
+            );
             let raised = rest.with(&RAISED, 0.8);
             let estimate = watched((0..12).flat_map(|_| rest.held(5).chain(raised.held(1))));
             let Halves { upper, lower } = estimate.reference().known;
             assert!(upper > 0.95 && lower > 0.95, "{upper} {lower}");
             assert!((estimate.brow() - 0.5).abs() < 0.02, "{}", estimate.brow());
         }
+    }
+
+    #[test]
+    fn eyes_that_rest_ordinarily_again_are_learned_and_wide_ones_that_are_held_then_are_not() {
+        let wide =
+            |brow: f32, value| Shot { brow, ..REST }.with(&[index_of("eyeWideLeft"), index_of("eyeWideRight")], value);
+        let raised = wide(0.5, 0.4).with(&RAISED, 0.8);
+        let mut estimate = watched((0..12).flat_map(|_| wide(0.5, 0.4).held(5).chain(raised.held(1))));
+        assert!((estimate.brow() - 0.5).abs() < 0.02, "{}", estimate.brow());
+        let lasting = (0..16).flat_map(|_| REST.held(5).chain(REST.with(&RAISED, 0.8).held(1)));
+        estimate.watch(NeutralMode::Auto, lasting);
+        assert!((estimate.brow() - 0.3).abs() < 0.02, "{}", estimate.brow());
+        assert!(
+            of_half(&estimate.outputs, Half::Upper).iter().all(|output| output.abs() < 0.05),
+            "{:?}",
+            estimate.outputs
+        );
+        estimate.watch(NeutralMode::Auto, wide(0.5, 0.35).held(60));
+        assert!((estimate.brow() - 0.3).abs() < 0.02, "{}", estimate.brow());
     }
 
     #[test]
@@ -560,8 +589,12 @@ mod tests {
         estimate.read_again(&model, NeutralMode::Auto);
         let features = Features::new(&REST.face(), Reference::MEAN);
         let want = model.process(&features).expect("coefficients").0;
-        assert!(strength(&difference(estimate.outputs, want)) < 1e-3, "{:?} in place of {want:?}", estimate.outputs);
-        assert!(strength(&difference(estimate.outputs, before.outputs)) > 0.01);
+        assert!(
+            square(difference(estimate.outputs, want)).sqrt() < 1e-3,
+            "{:?} in place of {want:?}",
+            estimate.outputs
+        );
+        assert!(square(difference(estimate.outputs, before.outputs)).sqrt() > 0.01);
         assert_eq!(estimate.reference(), before.reference());
         let mut estimate = watched(REST.with(&SMILES, 0.5).held(20));
         assert!(estimate.reference().known.upper > 0.5);

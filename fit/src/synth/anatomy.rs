@@ -16,7 +16,7 @@ const ACTIVE: f32 = 0.3;
 pub const CONVERGENCE: f32 = 0.12;
 /// How far the lips are open, as `jawOpen` less `mouthClose`, to let the whole tongue pass.
 const LIPS_FOR_TONGUE: f32 = 0.15;
-/// How much of this opening a lip fills that is rolled in most.
+/// How much of this opening a fully rolled-in lip fills.
 const ROLLED_LIPS: f32 = 0.18;
 /// Pairs of shapes that are not active together on a real face.
 pub const EXCLUSIVE: [(&str, &str); 10] = [
@@ -135,7 +135,8 @@ impl Gaze {
     }
 }
 
-/// If the lips are closed further than the jaw is open, opens the jaw as far, so that they meet, and in half of the cases further.
+/// If the lips close further than the jaw opens, opens the jaw as far, so that they meet. In half of the cases, opens it further, so
+/// that they do not.
 pub fn open_for_closed_lips(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
     if face[*MOUTH_CLOSE] > face[*JAW_OPEN] {
         let further = if rng.random::<bool>() { rng.random_range(0.0..0.4) } else { 0.0 };

@@ -91,8 +91,8 @@ impl Rig {
     }
 }
 
-/// What is added to the motion of a lip that is rolled in where it moves most, before it is scaled to its former size, upwards
-/// in centimetres: the rig's upper lip leaves the mouth open, and its lower lip does so towards the corners.
+/// How far, in centimetres upwards, a rolled-in lip is moved where it moves most, before the shape is scaled back to its former
+/// size. The rig's upper lip leaves the mouth open, and its lower lip does so towards the corners.
 const RISES_CM: [(&str, f32); 2] = [("mouthRollUpper", -0.65), ("mouthRollLower", 0.35)];
 
 /// Makes a lip that is rolled in meet the other one, without moving further than the rig's.

@@ -207,6 +207,10 @@ pub(super) fn approach<const N: usize>(values: &mut [f32; N], to: &[f32; N], sha
     values.iter_mut().zip(to).for_each(|(value, to)| *value += share * (to - *value));
 }
 
+pub(super) fn distance<const N: usize>(a: &[f32; N], b: &[f32; N]) -> f32 {
+    square(difference(*a, *b)).sqrt()
+}
+
 pub(super) fn difference<const N: usize>(mut a: [f32; N], b: [f32; N]) -> [f32; N] {
     a.iter_mut().zip(b).for_each(|(value, b)| *value -= b);
     a

@@ -5,16 +5,16 @@
 //! only where the upper one is known as far, too.
 //!
 //! It judges rest by outputs that are measured from the mean of many people, not from the reference learned so far: otherwise
-//! a lasting half-smile would look more like rest the more of it was learned. A half that is never seen at rest by this measure, but
-//! returns to the same pose again and again, is at rest in that pose ([`super::usual`]): large eyes read as wide, low brows as
-//! lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
+//! a lasting half-smile would look more like rest the more of it was learned. A half that is never seen at rest by this
+//! measure, but returns to the same pose again and again, is at rest in that pose ([`super::usual`]): large eyes read as wide,
+//! low brows as lowered. The reference moves at a bounded speed. When another person sits down ([`super::identity`]), it moves
 //! back, and learning begins anew.
 //!
 //! Limits: nothing is learned of a wearer whose face at rest reads like a strong expression, or like an expression that is held
 //! without a break. Only a calibration helps then.
 
 use super::features::{Features, Neutral, Reference, measure};
-use super::filter::{approach, difference, passed, square};
+use super::filter::{approach, difference, distance, passed};
 use super::halves::{HALF_OF_MEASURE, Half, Halves, half_of};
 use super::identity::{Identity, Verdict};
 use super::plausible::{BLINKS, GAZE, pick, put};
@@ -186,10 +186,9 @@ impl NeutralEstimate {
         let Some((last_px, last_scale_px, last_turns)) = self.position.replace((origin_px, scale_px, turns)) else {
             return false;
         };
-        let distance = |a: [f32; 2], b: [f32; 2]| square(difference(a, b)).sqrt();
         let time_s = dt_s.max(SHORTEST_JUMP_S);
-        distance(origin_px, last_px) > MOST_SPEED * time_s * last_scale_px
-            || distance(turns, last_turns) > MOST_TURN * time_s
+        distance(&origin_px, &last_px) > MOST_SPEED * time_s * last_scale_px
+            || distance(&turns, &last_turns) > MOST_TURN * time_s
             || (scale_px / last_scale_px - 1.0).abs() > MOST_ZOOM * time_s
     }
 
@@ -212,10 +211,8 @@ impl NeutralEstimate {
         if passed == Halves::default() {
             return;
         }
-        approach_by_halves(&mut self.mean, &measure(&face.points), passed);
-        for (place, (mean, output)) in self.outputs.iter_mut().zip(outputs).enumerate() {
-            *mean += passed.of(half_of(place)) * (output - *mean);
-        }
+        approach_by_halves(&mut self.mean, &measure(&face.points), HALF_OF_MEASURE.iter().copied(), passed);
+        approach_by_halves(&mut self.outputs, &outputs, halves_of_outputs(), passed);
     }
 
     fn forget(&mut self) {
@@ -237,10 +234,8 @@ impl NeutralEstimate {
         self.is_fading &= upper.share > 0.0;
         if is_wanted {
             let passed = Halves { upper: upper_passed, lower: lower_passed };
-            approach_by_halves(&mut self.used.measures, &self.mean, passed);
-            for (place, (used, output)) in self.used_outputs.iter_mut().zip(&self.outputs).enumerate() {
-                *used += passed.of(half_of(place)) * (output - *used);
-            }
+            approach_by_halves(&mut self.used.measures, &self.mean, HALF_OF_MEASURE.iter().copied(), passed);
+            approach_by_halves(&mut self.used_outputs, &self.outputs, halves_of_outputs(), passed);
         }
     }
 }
@@ -286,11 +281,20 @@ impl Learned {
     }
 }
 
-/// Moves measures towards others, those of each half by a share of the difference.
-fn approach_by_halves(measures: &mut [f32; MEASURES], to: &[f32; MEASURES], shares: Halves<f32>) {
-    for ((value, to), half) in measures.iter_mut().zip(to).zip(&HALF_OF_MEASURE) {
-        *value += shares.of(*half) * (to - *value);
+/// Moves values towards others, those of each half by a share of the difference.
+fn approach_by_halves<const N: usize>(
+    values: &mut [f32; N],
+    to: &[f32; N],
+    halves: impl IntoIterator<Item = Half>,
+    shares: Halves<f32>,
+) {
+    for ((value, to), half) in values.iter_mut().zip(to).zip(halves) {
+        *value += shares.of(half) * (to - *value);
     }
+}
+
+fn halves_of_outputs() -> impl Iterator<Item = Half> {
+    (0..COEFFS).map(half_of)
 }
 
 /// The outputs of a half of the face, without those of the gaze, which wanders in a face at rest. The others are 0.
@@ -347,9 +351,9 @@ impl RestWatch {
             return f32::INFINITY;
         };
         approach(now, &outputs, passed(dt_s, NOW_S));
-        let distance = square(difference(*now, *recent)).sqrt();
+        let moved = distance(now, recent);
         approach(recent, now, passed(dt_s, RECENT_S));
-        self.motion = distance.max(self.motion * (-dt_s / CALM_S).exp());
+        self.motion = moved.max(self.motion * (-dt_s / CALM_S).exp());
         self.motion
     }
 }
@@ -373,7 +377,7 @@ fn likeness(own: &[f32; COEFFS], rest: &[f32; COEFFS], half: Half) -> f32 {
 /// The distance of outputs from those of rest. Outputs below 0 are no expression.
 fn expression(outputs: &[f32; COEFFS], rest: &[f32; COEFFS]) -> f32 {
     let [outputs, rest] = [outputs, rest].map(|outputs| outputs.map(|value| value.max(0.0)));
-    square(difference(outputs, rest)).sqrt()
+    distance(&outputs, &rest)
 }
 
 #[cfg(test)]
@@ -441,7 +445,7 @@ mod tests {
             shots.into_iter().for_each(|shot| self.step(mode, &shot, FRAME_S));
         }
 
-        /// Shows a frame, for which the regression gives less of what it reads from the reference the more of that is the wearer's.
+        /// Shows a frame. The more of the reference is the wearer's, the less of what that reads is in the outputs.
         fn step(&mut self, mode: NeutralMode, shot: &Shot, step_s: f32) {
             let mut raw = shot.outputs;
             let known = self.reference().known;
@@ -589,12 +593,8 @@ mod tests {
         estimate.read_again(&model, NeutralMode::Auto);
         let features = Features::new(&REST.face(), Reference::MEAN);
         let want = model.process(&features).expect("coefficients").0;
-        assert!(
-            square(difference(estimate.outputs, want)).sqrt() < 1e-3,
-            "{:?} in place of {want:?}",
-            estimate.outputs
-        );
-        assert!(square(difference(estimate.outputs, before.outputs)).sqrt() > 0.01);
+        assert!(distance(&estimate.outputs, &want) < 1e-3, "{:?} in place of {want:?}", estimate.outputs);
+        assert!(distance(&estimate.outputs, &before.outputs) > 0.01);
         assert_eq!(estimate.reference(), before.reference());
         let mut estimate = watched(REST.with(&SMILES, 0.5).held(20));
         assert!(estimate.reference().known.upper > 0.5);

@@ -6,7 +6,7 @@
 //! wearer returns is learned, until they return more often to another pose.
 
 use super::COEFFS;
-use super::filter::{approach, difference, square};
+use super::filter::{approach, distance, square};
 use super::plausible::{BLINKS, pick, put};
 
 /// Two poses are the same up to the first distance between their outputs. Beyond the second, the half has left its pose.
@@ -22,8 +22,8 @@ const LEAD_S: f32 = 8.0;
 const MOST_LEAD_S: f32 = 30.0;
 /// How often the half must have come back to the pose. Somebody who keeps the brows raised for a minute does not come back.
 const RETURNS: u32 = 3;
-/// A pose is not rest if a lid's output exceeds the first value (the eyes are shut), or the root of the sum of the squares of all
-/// outputs exceeds the second (a strong expression).
+/// A pose is not rest if a lid's output exceeds the first value (the eyes are shut), or the root of the sum of the squares of
+/// all outputs exceeds the second (a strong expression).
 const SHUT: f32 = 0.4;
 const EXPRESSION: f32 = 0.8;
 /// The least likeness to ordinary rest that counts as evidence.
@@ -121,10 +121,6 @@ impl Pose {
             *self = Self::of(*outputs);
         }
     }
-}
-
-fn distance(one: &[f32; COEFFS], other: &[f32; COEFFS]) -> f32 {
-    square(difference(*one, *other)).sqrt()
 }
 
 #[cfg(test)]

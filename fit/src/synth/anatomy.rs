@@ -135,8 +135,8 @@ impl Gaze {
     }
 }
 
-/// If the lips close further than the jaw opens, opens the jaw as far, so that they meet. In half of the cases, opens it further, so
-/// that they do not.
+/// If the lips close further than the jaw opens, opens the jaw as far, so that they meet. In half of the cases, opens it
+/// further, so that they do not.
 pub fn open_for_closed_lips(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
     if face[*MOUTH_CLOSE] > face[*JAW_OPEN] {
         let further = if rng.random::<bool>() { rng.random_range(0.0..0.4) } else { 0.0 };

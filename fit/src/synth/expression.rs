@@ -17,8 +17,8 @@ pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
 /// The coefficients that roll in the upper and the lower lip.
 pub const ROLLS: [&str; 2] = ["mouthRollUpper", "mouthRollLower"];
-/// How far, in centimetres, a row of teeth and its gums move back when its lip is fully rolled in. A rolled-in lip hides the edges
-/// of the teeth, but the rig's lip would pass through them and bare them.
+/// How far, in centimetres, a row of teeth and its gums move back when its lip is fully rolled in. A rolled-in lip hides the
+/// edges of the teeth, but the rig's lip would pass through them and bare them.
 const WITHDRAWAL_CM: f32 = 1.4;
 
 pub struct Deformer {

@@ -13,15 +13,19 @@ use common::eventually;
 use common::service::{DEMO, Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
-use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use facewire_packet::{Packet, Reason, State};
 
 /// The states during a fault in their order, each with the least age of the last good pose at its beginning, microseconds.
 const STATES: [(State, u32); 3] = [(State::Hold, 150_000), (State::Decay, 300_000), (State::Neutral, 1_000_000)];
 
-/// Returns the packets between two live ones in which the face first becomes neutral. A busy machine may hold the face
-/// briefly before and after.
-fn lasting_fault(packets: &[Packet]) -> Vec<&Packet> {
-    let neutral = packets.iter().position(|packet| packet.state == State::Neutral).unwrap();
+fn is_neutral_by(reason: Reason) -> impl Fn(&Packet) -> bool {
+    move |packet| (packet.state, packet.reason) == (State::Neutral, reason)
+}
+
+/// Returns the packets between two live ones in which the face first becomes neutral for this reason. A busy machine may hold
+/// the face briefly before and after, or make it neutral because frames come late.
+fn lasting_fault(packets: &[Packet], reason: Reason) -> Vec<&Packet> {
+    let neutral = packets.iter().position(is_neutral_by(reason)).unwrap();
     let is_live = |packet: &Packet| packet.state == State::Live;
     let begin = packets[..neutral].iter().rposition(is_live).map_or(0, |live| live + 1);
     packets[begin..].iter().take_while(|packet| !is_live(packet)).collect()
@@ -31,22 +35,23 @@ fn lasting_fault(packets: &[Packet]) -> Vec<&Packet> {
 fn assert_failsafe(packets: &[Packet], reason: Reason) {
     packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
     assert!(packets.windows(2).all(|pair| pair[1].sequence == pair[0].sequence.wrapping_add(1)));
-    let faulty = lasting_fault(packets);
+    let faulty = lasting_fault(packets, reason);
     let place = |packet: &&Packet| STATES.iter().position(|(state, _)| *state == packet.state).unwrap();
     assert!(faulty.is_sorted_by_key(place), "{faulty:?}");
     for packet in &faulty {
         let (_, earliest_us) = STATES[place(packet)];
         assert!(packet.age_us >= earliest_us, "{packet:?}");
+        let is_at_rest = packet.coefficients.iter().all(|value| *value == 0.0);
+        assert!(is_at_rest || packet.state != State::Neutral, "{packet:?}");
     }
-    let last = faulty.last().unwrap();
-    assert_eq!((last.reason, last.coefficients), (reason, [0.0; BLENDSHAPES.len()]));
 }
 
-/// Plays the clip for 4 s and this scene for 3 s, again and again, and checks the packets through the first fault.
+/// Plays the clip for 2 s and this scene for 3 s, again and again, and checks the packets through the first such fault. On a
+/// busy machine, a late frame may give the end of the fault another reason.
 fn assert_rehearsed(scene: &str, reason: Reason, more: &str) {
-    let toml = format!("{more}[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n");
+    let toml = format!("{more}[camera]\ndevice = \"rehearsal: live 2, {scene} 3\"\nstall_timeout_ms = 500\n");
     let (_service, receiver) = Service::live(&toml);
-    let packets = receiver.until_state(State::Neutral);
+    let packets = receiver.until(is_neutral_by(reason));
     assert_failsafe(&through(packets, &receiver), reason);
 }
 
@@ -99,7 +104,7 @@ fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() 
 fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
     let (mut service, receiver) = Service::live(DEMO);
     let stuck = Stuck::stop(service.thread("fw-hot"));
-    let packets = receiver.until_state(State::Neutral);
+    let packets = receiver.until(is_neutral_by(Reason::Late));
     drop(stuck);
     assert_failsafe(&through(packets, &receiver), Reason::Late);
 }

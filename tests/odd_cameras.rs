@@ -714,8 +714,10 @@ fn the_rotation_of_a_camera_on_its_side_or_upside_down_is_proposed_and_makes_its
             let file = settings(&settings_with(set));
             machine.run(&["check", "--config", text(file.path())]).out
         };
-        let proposal = format!("set camera.rotation = {rotation_deg}");
-        assert_eq!(check(0).contains(&proposal), rotation_deg != 0, "{rotation_deg}: {}", check(0));
+        if rotation_deg != 0 {
+            let told = check(0);
+            assert!(told.contains(&format!("set camera.rotation = {rotation_deg}")), "{rotation_deg}: {told}");
+        }
         let good = check(rotation_deg);
         assert!(good.contains("; a face of ") && !good.contains("camera.rotation"), "{rotation_deg}: {good}");
         let (_service, receiver) = machine.serve(&settings_with(rotation_deg));

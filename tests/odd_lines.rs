@@ -67,7 +67,7 @@ fn a_receiver_of_ifacialmocap_that_asks_once_gets_the_face_again_after_its_netwo
     interface.take_down();
     // Longer than a receiver may be away whose machine refuses datagrams: each packet is a 60th of a second or more.
     near.rest();
-    (0..300).for_each(|_| _ = near.packet());
+    (0..240).for_each(|_| _ = near.packet());
     while gets_face() {}
     interface.bring_up();
     eventually("the face", gets_face);

@@ -53,28 +53,38 @@ class Sacn:
 class ArtNet:
     """A receiver of Art-Net, which follows the numbers of all datagrams to universe 300."""
 
+    # A datagram to universe 301 without a number. It tells that the receiver is done with the one before it.
+    MARK = b"Art-Net\0" + bytes([0, 0x50, 0, 14, 0, 0, 301 & 255, 301 >> 8, 0, 2, 0, 0])
+
     def __init__(self):
-        self.server, self.values = StupidArtnetServer(port=0), None
+        self.server, self.values, self.is_done = StupidArtnetServer(port=0), None, False
         self.server.register_listener(300, callback_function=self.take)
+        self.server.register_listener(301, callback_function=self.end)
         self.sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def take(self, values):
         self.values = values
 
+    def end(self, _values):
+        self.is_done = True
+
     def decode(self, datagram):
         """Returns the values, or nothing if they are not taken."""
-        self.values = None
+        self.values, self.is_done = None, False
         # Its own thread opens its socket.
         waits_until(lambda: self.server.socket_server and self.server.socket_server.getsockname()[1])
-        self.sender.sendto(datagram, ("127.0.0.1", self.server.socket_server.getsockname()[1]))
-        waits_until(lambda: self.values is not None)
+        for sent in [datagram, self.MARK]:
+            self.sender.sendto(sent, ("127.0.0.1", self.server.socket_server.getsockname()[1]))
+        waits_until(lambda: self.is_done)
         return self.values
 
 
 def waits_until(is_so):
-    """Waits for a second at most."""
-    end = time.monotonic() + 1
-    while not is_so() and time.monotonic() < end:
+    """Waits for a minute at most."""
+    end = time.monotonic() + 60
+    while not is_so():
+        if time.monotonic() > end:
+            sys.exit("the receiver of Art-Net is not done within a minute")
         time.sleep(0.002)
 
 

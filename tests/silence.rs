@@ -21,8 +21,11 @@ use tempfile::NamedTempFile;
 const CALLS: &str = "trace=%network,open,openat,openat2,creat,mkdir,mkdirat,unlink,unlinkat,rename,renameat2,execve";
 /// Files that every program reads: its libraries, and facts about the system.
 const SYSTEM: [&str; 7] = ["/lib", "/lib64", "/usr/lib", "/etc/ld.so", "/etc/localtime", "/proc", "/sys"];
-/// How many packets to wait for once the face is live. They take ten seconds, in which the first status line is written.
-const PACKETS: usize = 300;
+/// How many packets to wait for once the face is live. They take four seconds, in which the service does all that it does again
+/// and again, except for the status line, which is asked for.
+const PACKETS: usize = 120;
+/// strace may delay a frame for seconds.
+const PATIENT: &str = "[failsafe]\nlive_ms = 5000\nhold_ms = 6000\nneutral_ms = 7000\n";
 
 struct Traced {
     strace: Service,
@@ -116,9 +119,11 @@ fn child_of(strace: &mut Child, record: &Path) -> Option<Pid> {
 #[test]
 fn run_speaks_to_its_receiver_only_and_writes_no_file() {
     let receiver = Receiver::new();
-    let Some(service) = Traced::start(DEMO, &[receiver.address()], None) else { return };
+    let Some(service) = Traced::start(&[DEMO, PATIENT].concat(), &[receiver.address()], None) else { return };
     let settings = service.strace.settings();
     receiver.live();
+    service.signal(Signal::USR1);
+    service.strace.await_log(" cameras_opened=");
     (0..PACKETS).for_each(|_| _ = receiver.packet());
     let to_receiver = format!("sin_port=htons({}), sin_addr=inet_addr(\"127.0.0.1\")", receiver.port());
     let mut sent = 0;

@@ -31,6 +31,11 @@ fn link_of(device: &Path, channels: &[u16]) -> String {
     format!("[[link]]\nkind = \"maestro\"\ndevice = \"{}\"\n{channels}", device.display())
 }
 
+/// Whether words name this board, and not one whose number only begins alike.
+fn names(words: &str, device: &Path) -> bool {
+    words.split(text(device)).skip(1).any(|rest| !rest.starts_with(|next: char| next.is_ascii_digit()))
+}
+
 /// A service with a control socket, and what it keeps.
 struct Head {
     service: Service,
@@ -90,10 +95,10 @@ fn a_release_is_done_only_once_every_board_has_acknowledged_it_and_names_those_t
         let answer = head.release();
         let refusal = answer["refused"].as_str().unwrap_or_else(|| panic!("two boards were not reached: {answer}"));
         for device in [&silent.device, absent] {
-            assert!(refusal.contains(text(device)), "{refusal}");
+            assert!(names(refusal, device), "{refusal}");
         }
         assert!(refusal.contains("Switch the supply of these servos off"), "{refusal}");
-        let is_good = !refusal.contains(text(&good.device));
+        let is_good = !names(refusal, &good.device);
         assert!(!is_good || good.pulse_us(0).is_none(), "what is not named has no pulses");
         is_good
     });
@@ -289,10 +294,9 @@ fn stop_at_the_control_socket_is_done_or_names_the_board_within_300_ms_whatever_
                 let answer = head.release();
                 let took = begun.elapsed();
                 let refusal = answer["refused"].as_str().unwrap_or_default();
-                assert!(!refusal.contains(text(&device)) || refusal.contains("Switch the supply of these servos off"));
+                assert!(!names(refusal, &device) || refusal.contains("Switch the supply of these servos off"));
                 let is_answered = is_named || answer["done"].is_string();
-                let is_right =
-                    is_answered && refusal.contains(text(&device)) == is_named && !refusal.contains(text(&good.device));
+                let is_right = is_answered && names(refusal, &device) == is_named && !names(refusal, &good.device);
                 is_right && good.pulse_us(0).is_none() && took < Duration::from_millis(300)
             });
             is_over.store(true, Relaxed);
@@ -334,13 +338,22 @@ fn a_rest_is_done_or_names_the_board_whatever_else_goes_on() {
             0
         };
         let released = format!("{}: released", text(&good.device));
-        let run = Run::of(&mut head.command("rest"));
-        assert!(run.out.contains(&released), "{trouble:?}: {run:?}");
-        assert_eq!(good.pulse_us(0), None, "{trouble:?}");
-        let last = run.err.lines().rfind(|line| !line.contains("still trying")).unwrap_or_default();
-        assert_eq!(run.status, Some(status), "{trouble:?}: {run:?}");
-        assert!(is_broken || last.contains(text(&device)) == is_named, "{trouble:?}: {run:?}");
-        let is_warned = run.err.contains(&format!("still trying: link {}", text(&device)));
-        assert!(is_warned || trouble != Trouble::BoardHangs, "it is named while it is tried on: {run:?}");
+        // A busy machine may let a board be late at one try or another, which is named then.
+        eventually(&format!("{trouble:?}: a rest that reaches every board but the one in trouble"), || {
+            let run = Run::of(&mut head.command("rest"));
+            let is_released = run.out.contains(&released);
+            let told: Vec<&str> = run.err.lines().filter(|line| !line.contains("still trying")).collect();
+            assert!(is_released || names(&told.join("\n"), &good.device), "{trouble:?}: {run:?}");
+            assert!(!is_released || good.pulse_us(0).is_none(), "{trouble:?}: {run:?}");
+            let last = told.last().copied().unwrap_or_default();
+            let is_told = run.status == Some(status) && (is_broken || names(last, &device) == is_named);
+            // It is named while it is tried on.
+            let is_warned = run.err.contains(&format!("still trying: link {}", text(&device)));
+            let is_right = is_released && is_told && (is_warned || trouble != Trouble::BoardHangs);
+            if !is_right {
+                eprintln!("{trouble:?}: {run:?}");
+            }
+            is_right
+        });
     }
 }

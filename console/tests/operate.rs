@@ -11,7 +11,7 @@ use std::{
 };
 
 use common::{
-    browser::{Browser, element, labelled, or_arm},
+    browser::{Browser, control, element, labelled, or_arm},
     eventually, packet,
     service::{Console, Seen, elsewhere},
     skip,
@@ -26,6 +26,8 @@ const SETTINGS: &str = "# My head\n[camera]\nfps = 60 # fast\n\n[[link]]\nkind =
 const PAGES: [&str; 7] = ["live", "start", "servos", "wearer", "links", "health", "recordings"];
 /// Pictures within which a page scrolls to where its focus is.
 const PICTURES_TO_SCROLL: u32 = 10;
+/// How often the Tab key goes around a page whose controls come late.
+const MOST_ROUNDS: u32 = 5;
 const PHONE: (u32, u32) = (360, 740);
 const DESK: (u32, u32) = (1280, 900);
 const SLIDER: &str = "[aria-label='Move channel 0']";
@@ -65,6 +67,16 @@ fn until_asked(console: &Console, request: &Value) {
 /// Whether all drives have ended.
 fn have_ended(seen: &Seen) -> bool {
     seen.ended.len() == seen.requests.iter().filter(|request| request["do"] == "drive").count()
+}
+
+/// Presses STOP until it succeeds. A busy machine may delay the answer of the service for longer than the console waits for it.
+fn stop(browser: &mut Browser) {
+    eventually("a STOP that succeeds", || {
+        let answers = browser.answers("servos/release");
+        browser.click("STOP");
+        browser.await_answers("servos/release", answers + 1);
+        browser.value("document.body.innerText.includes('not released')") == false
+    });
 }
 
 /// Presses a button of an armed page until the service has seen the effect. The page may have disarmed meanwhile.
@@ -116,43 +128,50 @@ fn turn_to(browser: &mut Browser, page: &str) {
     }
 }
 
-#[test]
-fn every_page_fits_a_phone_and_a_desk_and_is_open_to_everybody() {
-    let Some((console, mut browser)) = open_in(Browser::with_face, SETTINGS, "live", PHONE) else { return };
+/// Opens every page at this size. Each fits, has STOP in sight, and is open to everybody.
+fn look_at_every_page(size: (u32, u32), device: &str) {
+    let Some((console, mut browser)) = open_in(Browser::with_face, SETTINGS, "live", size) else { return };
     let axe = axe();
     if axe.is_none() {
         skip("there is no axe-core; scripts/setup tests installs it");
     }
     let home = url(&console, [127, 0, 0, 1].into(), "");
-    for ((width, height), device) in [(PHONE, "phone"), (DESK, "desk")] {
-        browser.resize(width, height);
-        for page in PAGES {
-            turn_to(&mut browser, page);
-            browser.screenshot(&format!("{page} on a {device}"));
-            let excess = browser
-                .value("(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)(document.documentElement)");
-            assert_eq!(excess, 0, "{page} on a {device}");
-            let stop = browser.value(
-                "document.elementFromPoint(...(({ x, y, width, height }) => \
-                [x + width / 2, y + height / 2])(document.getElementById('stop').getBoundingClientRect())).id",
+    for page in PAGES {
+        turn_to(&mut browser, page);
+        browser.screenshot(&format!("{page} on a {device}"));
+        let excess =
+            browser.value("(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)(document.documentElement)");
+        assert_eq!(excess, 0, "{page} on a {device}");
+        let stop = browser.value(
+            "document.elementFromPoint(...(({ x, y, width, height }) => \
+            [x + width / 2, y + height / 2])(document.getElementById('stop').getBoundingClientRect())).id",
+        );
+        assert_eq!(stop, "stop", "{page} on a {device}");
+        let cut = "[...document.querySelectorAll('dd, dt')].filter((it) => it.checkVisibility() && it.scrollWidth > it.clientWidth).map((it) => it.innerText)";
+        assert_eq!(browser.value(cut), json!([]), "tiles that are cut: {page} on a {device}");
+        if let Some(axe) = &axe {
+            browser.value(&format!("{axe}; 0"));
+            let found = browser.value(
+                "axe.run({ resultTypes: ['violations'] }).then(({ violations }) => violations.map(({ id, nodes }) => \
+                 [id, ...nodes.map(({ target, failureSummary }) => `${target}: ${failureSummary}`)]))",
             );
-            assert_eq!(stop, "stop", "{page} on a {device}");
-            let cut = "[...document.querySelectorAll('dd, dt')].filter((it) => it.checkVisibility() && it.scrollWidth > it.clientWidth).map((it) => it.innerText)";
-            assert_eq!(browser.value(cut), json!([]), "tiles that are cut: {page} on a {device}");
-            if let Some(axe) = &axe {
-                browser.value(&format!("{axe}; 0"));
-                let found = browser.value(
-                    "axe.run({ resultTypes: ['violations'] }).then(({ violations }) => violations.map(({ id, nodes }) => \
-                     [id, ...nodes.map(({ target, failureSummary }) => `${target}: ${failureSummary}`)]))",
-                );
-                assert_eq!(found, json!([]), "{page} on a {device}");
-            }
+            assert_eq!(found, json!([]), "{page} on a {device}");
         }
     }
     assert_eq!(browser.errors(), Vec::<Value>::new());
     let requests = browser.requests();
     let home = home.trim_end_matches('#');
     assert!(requests.iter().all(|url| url.starts_with(home) || url.starts_with("blob:")), "{requests:?}");
+}
+
+#[test]
+fn every_page_fits_a_phone_and_is_open_to_everybody() {
+    look_at_every_page(PHONE, "phone");
+}
+
+#[test]
+fn every_page_fits_a_desk_and_is_open_to_everybody() {
+    look_at_every_page(DESK, "desk");
 }
 
 #[test]
@@ -176,14 +195,14 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
     until_asked(&console, &resume);
     browser.wait_until("!document.querySelector('.released')");
     // On another page, and by the keys.
-    for (times, (page, empty, key)) in
-        [("servos", "#page-servos h2", "Escape"), ("live", "figcaption", " ")].into_iter().enumerate()
-    {
+    let count = |seen: &Seen| seen.requests.iter().filter(|request| **request == release).count();
+    for (page, empty, key) in [("servos", "#page-servos h2", "Escape"), ("live", "figcaption", " ")] {
         browser.turn_to(page);
         // The link to the page has the focus, and the space bar would act on it. So put the focus elsewhere.
         browser.click_on(&element(empty));
+        let before = count(&console.service.seen.lock().unwrap());
         browser.press(key);
-        console.service.until(|seen| seen.requests.iter().filter(|request| **request == release).count() == times + 2);
+        console.service.until(|seen| count(seen) > before);
         browser.click("Let servos move again");
         browser.wait_until("!document.querySelector('.released')");
     }
@@ -303,8 +322,7 @@ fn a_stop_that_has_failed_is_told_until_one_succeeds_on_the_login_form_too() {
     log_in(&mut browser, "another password");
     browser.wait_for_text(told);
     console.service.seen.lock().unwrap().refusal = None;
-    browser.click("STOP");
-    browser.wait_until("!document.body.innerText.includes('not released')");
+    stop(&mut browser);
 }
 
 #[test]
@@ -319,52 +337,66 @@ fn a_console_that_falls_silent_is_told_and_so_is_a_stop_that_it_does_not_answer(
     browser.screenshot("silent");
     kill_process(pid, Signal::CONT).unwrap();
     browser.wait_until("!document.body.innerText.includes('STOP does not work')");
-    browser.click("STOP");
-    browser.wait_until("!document.body.innerText.includes('not released')");
+    stop(&mut browser);
+}
+
+/// Reaches every control of every page at this size by the Tab key.
+fn tab_through_every_page(size: (u32, u32)) {
+    let Some((_console, mut browser)) = open("live", size) else { return };
+    for page in PAGES {
+        turn_to(&mut browser, page);
+        // Tab reaches one radio button of each group.
+        browser.value(
+            "window.controls = () => [...document.querySelectorAll('a, button:enabled, input:enabled, select:enabled, \
+             textarea, summary, [tabindex=\"0\"]')].filter((control) => control.checkVisibility()); \
+             window.reached = new Set(); \
+             window.missed = () => controls().filter((control) => !reached.has(control) && control.type !== 'radio'); 0",
+        );
+        // Controls that come while the others are gone through are reached in the next round.
+        for _ in 0..MOST_ROUNDS {
+            tab_once_around(&mut browser, &format!("{page} at {size:?}"));
+            if browser.value("missed().length") == 0 {
+                break;
+            }
+        }
+        let missed = browser.value("missed().map((control) => control.outerHTML.slice(0, 120))");
+        assert_eq!(missed, json!([]), "{page} at {size:?}");
+    }
+}
+
+/// Presses the Tab key for each control, and some more times. Whoever tabs sees where the focus is: it has an outline, and
+/// neither bar lies over it.
+fn tab_once_around(browser: &mut Browser, place: &str) {
+    let look = "(() => { const at = document.activeElement; if (at === document.body) return ''; \
+        reached.add(at); const { outlineStyle } = getComputedStyle(at); \
+        const { x, y, width, height } = at.getBoundingClientRect(); \
+        const top = document.elementFromPoint(x + width / 2, y + Math.min(height, innerHeight) / 2); \
+        const isSeen = outlineStyle !== 'none' && (at.contains(top) || top?.contains(at)); \
+        return isSeen ? '' : `${at.outerHTML.slice(0, 100)} has the outline ${outlineStyle} and lies below ${top?.outerHTML.slice(0, 60)}`; })()";
+    let most = browser.value("controls().length").as_u64().unwrap() + 20;
+    for _ in 0..most {
+        browser.press("Tab");
+        let mut fault = browser.value(look);
+        // A page that has just grown scrolls to the focus with its next pictures.
+        for _ in 0..PICTURES_TO_SCROLL {
+            if fault == "" {
+                break;
+            }
+            browser.wait_for_picture();
+            fault = browser.value(look);
+        }
+        assert_eq!(fault, "", "{place}");
+    }
 }
 
 #[test]
-fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone() {
-    let Some((_console, mut browser)) = open("live", PHONE) else { return };
-    for (width, height) in [PHONE, DESK] {
-        browser.resize(width, height);
-        for page in PAGES {
-            turn_to(&mut browser, page);
-            browser.value(
-                "window.controls = () => [...document.querySelectorAll('a, button:enabled, input:enabled, select:enabled, \
-                 textarea, summary, [tabindex=\"0\"]')].filter((control) => control.checkVisibility()); \
-                 window.reached = new Set(); 0",
-            );
-            let most = browser.value("controls().length").as_u64().unwrap() + 20;
-            // Whoever tabs sees where the focus is: it has an outline, and neither bar lies over it.
-            let look = "(() => { const at = document.activeElement; if (at === document.body) return ''; \
-                reached.add(at); const { outlineStyle } = getComputedStyle(at); \
-                const { x, y, width, height } = at.getBoundingClientRect(); \
-                const top = document.elementFromPoint(x + width / 2, y + Math.min(height, innerHeight) / 2); \
-                const isSeen = outlineStyle !== 'none' && (at.contains(top) || top?.contains(at)); \
-                return isSeen ? '' : `${at.outerHTML.slice(0, 100)} has the outline ${outlineStyle} and lies below ${top?.outerHTML.slice(0, 60)}`; })()";
-            for _ in 0..most {
-                browser.press("Tab");
-                let mut fault = browser.value(look);
-                // A page that has just grown scrolls to the focus with its next pictures.
-                for _ in 0..PICTURES_TO_SCROLL {
-                    if fault == "" {
-                        break;
-                    }
-                    browser.wait_for_picture();
-                    fault = browser.value(look);
-                }
-                assert_eq!(fault, "", "{page} at {width}");
-            }
-            let missed =
-                browser.value("controls().filter((control) => !reached.has(control)).map((control) => control.outerHTML.slice(0, 120))");
-            // Tab reaches one radio button of each group.
-            assert!(
-                missed.as_array().unwrap().iter().all(|control| control.as_str().unwrap().contains("radio")),
-                "{page}: {missed}"
-            );
-        }
-    }
+fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone_on_a_phone() {
+    tab_through_every_page(PHONE);
+}
+
+#[test]
+fn every_control_of_every_page_is_reached_and_seen_by_the_tab_key_alone_on_a_desk() {
+    tab_through_every_page(DESK);
 }
 
 #[test]
@@ -551,6 +583,12 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
     let ends = |seen: &Seen, number: u32| {
         seen.lines.iter().any(|(_, line)| line["channel"] == number && line["position"].as_f64() > Some(0.9))
     };
+    // A sweep takes 6.5 s for each channel, in which a busy machine may end the drive. So its steps come at five times their
+    // pace.
+    browser.value(
+        "const waits = setTimeout; \
+         window.setTimeout = (call, ms, ...more) => waits(call, ms === 50 ? 10 : ms, ...more); 0",
+    );
     eventually("a sweep", || {
         browser.click_on(&or_arm("Sweep each channel"));
         browser.wait_for_picture();
@@ -840,13 +878,12 @@ fn a_slider_stays_in_the_hand_while_its_servo_moves() {
         let place = browser.hold(&slider, 0.5);
         turn(0.9);
         browser.wait_for_text("computed 0.90");
-        let [is_armed, is_held] =
-            ["!{slider}.disabled", &is_shown(0.5)].map(|what| browser.value(&what.replace("{slider}", &slider)));
+        let now = browser.value(&format!("[!{slider}.disabled, {}]", is_shown(0.5)));
         browser.let_go(place);
         browser.wait_until(&is_shown(0.9));
         // A busy machine may delay the heartbeat of the page, which then disarms.
-        if is_armed == true {
-            assert_eq!(is_held, true, "it slips out of the hand");
+        if now[0] == true {
+            assert_eq!(now[1], true, "it slips out of the hand");
             break;
         }
     }
@@ -874,8 +911,11 @@ fn a_thumb_that_scrolls_the_page_over_a_slider_moves_no_servo() {
     drive_until(&console, &mut browser, &element(SLIDER), 0.25, is_at(0.25));
     let before = positions(&console.service.seen.lock().unwrap()).len();
     let height = browser.value("scrollY");
-    browser.swipe_up(&element(SLIDER));
-    browser.wait_until(&format!("scrollY > {height}"));
+    eventually("a page that scrolls", || {
+        browser.swipe_up(&element(SLIDER));
+        browser.wait_for_picture();
+        browser.value(&format!("scrollY > {height}")) == true
+    });
     drive_until(&console, &mut browser, &element(SLIDER), 0.0, is_at(0.0));
     let moved = positions(&console.service.seen.lock().unwrap());
     assert!(moved[before..].iter().all(|position| *position <= 0.25), "{moved:?}");
@@ -915,8 +955,21 @@ fn a_source_is_learned_from_the_movement_that_is_made() {
     let Some((console, mut browser)) = open("servos", PHONE) else { return };
     // What is high all the time does not count, only what moves.
     browser.wait_until("document.getElementById('state').textContent === 'live'");
-    browser.click_on(&element("[aria-label='Learn it for channel 3']"));
-    *console.service.pose.lock().unwrap() = packet(&[("jawOpen", 0.55), ("browInnerUp", 0.6)]);
+    let learn = element("[aria-label='Learn it for channel 3']");
+    let is_offered = format!("{} !== undefined", control("browInnerUp (0.60)"));
+    eventually("the source that is moved", || {
+        browser.click_on(&learn);
+        *console.service.pose.lock().unwrap() = packet(&[("jawOpen", 0.55), ("browInnerUp", 0.6)]);
+        browser.wait_for_picture();
+        browser.wait_until(&format!("!{learn}.disabled"));
+        if browser.value(&is_offered) == true {
+            return true;
+        }
+        // A busy machine has shown the movement too late. It is made again from rest, in which it lasts a second.
+        *console.service.pose.lock().unwrap() = packet(&[("jawOpen", 0.5)]);
+        browser.await_statuses(browser.statuses() + 8);
+        false
+    });
     browser.click("browInnerUp (0.60)");
     browser.wait_for_text("not kept yet");
     browser.click("Keep");
@@ -1013,7 +1066,7 @@ fn a_recording_begins_ends_is_listed_and_is_deleted_after_a_second_click() {
     let Some((console, mut browser)) = open("recordings", PHONE) else { return };
     browser.click("Begin a recording");
     browser.wait_until("document.querySelector('#page-recordings .state-bad')?.textContent === 'Recording'");
-    browser.wait_until("/0:0[0-9] min, [0-9]+ kB/.test(document.getElementById('page-recordings').innerText)");
+    browser.wait_until("/[0-9]+:[0-9]{2} min, [0-9]+ kB/.test(document.getElementById('page-recordings').innerText)");
     browser.screenshot("recording");
     browser.click("End");
     browser.click("Delete");

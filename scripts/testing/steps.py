@@ -29,6 +29,8 @@ BESIDE = max(1, int(os.environ.get("FACEWIRE_STEPS", "3")))
 PATIENT_NICENESS = 10
 # The exit status of a step that this machine cannot run. The last line of its output says why.
 SKIPPED = 77
+# How far back a change is recent. Older ones have passed before they were merged.
+RECENT_COMMITS = 25
 # Seconds between two lines that say which steps are running.
 PROGRESS_S = 60
 
@@ -45,12 +47,13 @@ class Step:
     lane: str = ""
     makes: bool = False
     clocked: bool = False
+    settled: bool = False
 
 
 @dataclasses.dataclass
 class Outcome:
     """How a step ended. The verdict is "passed", "FAILED", "skipped" if this machine cannot run the step, "not run" if a step that
-    it needs has not passed, or "proven" if it has passed on this machine before with the same files."""
+    it needs has not passed, "proven" if it has passed on this machine before with the same files, or "left" to `--all`."""
 
     verdict: str
     wall_s: float = 0.0
@@ -90,6 +93,30 @@ def needed(steps, proven):
         if step.makes and any(step.name in other.after for other in steps if other.name in wanted):
             wanted.add(step.name)
     return wanted
+
+
+def settled(root, steps):
+    """Returns the names of the settled steps that have never passed on this machine, and that read nothing that has changed
+    recently."""
+    changed = recently_changed(root)
+    if changed is None:
+        return set()
+    new = [step for step in steps if step.settled and not proof.has_passed(step.name)]
+    return {step.name for step in new if not any(is_read(step, path) for path in changed)}
+
+
+def recently_changed(root):
+    """Returns the paths of the files that differ from those of [`RECENT_COMMITS`] commits ago, or `None` if the history is shorter."""
+
+    def git(*arguments):
+        return os.fsdecode(subprocess.run(["git", *arguments], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout)
+
+    commits = git("rev-list", "--first-parent", f"--max-count={RECENT_COMMITS + 1}", "HEAD").split()
+    if len(commits) <= RECENT_COMMITS:
+        return None
+    tracked = git("diff", "--name-only", "-z", commits[-1])
+    new = git("ls-files", "-z", "--others", "--exclude-standard")
+    return {path for path in (tracked + new).split("\0") if path}
 
 
 # --- running ---
@@ -264,13 +291,15 @@ def conclude(run, left_out, began):
     """Prints the verdict on a run, and returns its exit status."""
     say_table(run)
     skips = sorted(line for step in run.steps for line in run.skips(step)) + [f"step {name}: not asked for" for name in left_out]
+    left = [name for name, outcome in run.outcomes.items() if outcome.verdict == "left"]
+    skips += [f"step {name}: left to --all: the last {RECENT_COMMITS} commits change nothing that it reads" for name in left]
     failed = [name for name, outcome in run.outcomes.items() if outcome.verdict == "FAILED"]
     print(f"\n== {'FAILED: ' + ' '.join(failed) if failed else 'passed'}, {len(skips)} skipped ({time.monotonic() - began:.0f} s)")
     print("\n".join(skips))
     return 1 if failed else 0
 
 
-def test(root, steps, folder, *, everything):
+def test(root, steps, folder, *, everything, leaves_settled=True):
     """Runs the steps that are not proven or, if `everything` is set, all of them. Returns the run."""
     about = proof.machine()
     contents = proof.files(root)
@@ -297,8 +326,12 @@ def test(root, steps, folder, *, everything):
         # Tests run in the folders of their crates, from which a relative path would lead elsewhere.
         environment["CARGO_TARGET_DIR"] = str(target_folder())
     run = Run(root, steps, folder, environment, prove)
+    proven = set() if everything else {name for name, path in stamps.items() if path.exists()}
+    left = settled(root, steps) if leaves_settled and not everything else set()
+    wanted = needed(steps, proven | left)
     try:
-        run.run(needed(steps, set() if everything else {name for name, path in stamps.items() if path.exists()}))
+        run.run(wanted)
+        run.outcomes.update({name: Outcome("left") for name in left - wanted})
     finally:
         run.stop()
     return run
@@ -342,7 +375,7 @@ def main():
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         compiled.take(proof.CACHE, target)
-        run = test(ROOT, steps, folder, everything=arguments.all)
+        run = test(ROOT, steps, folder, everything=arguments.all, leaves_settled=not arguments.steps)
         # Only now does nobody write into the target folder any more.
         compiled.give(proof.CACHE, target)
         return conclude(run, [step.name for step in known if step not in steps], began)

@@ -134,6 +134,44 @@ class Checkout(unittest.TestCase):
             self.run_all(everything=True)
             self.assertEqual(tested.read_text(), "all()\n")
 
+    def commit(self, times):
+        """Commits all changes, and then nothing some times."""
+        author = ["-c", "user.name=somebody", "-c", "user.email=somebody@localhost"]
+        subprocess.run(["git", "add", "--all"], cwd=self.root, check=True)
+        for _ in range(times):
+            subprocess.run(["git", *author, "commit", "--quiet", "--allow-empty", "--message", "work"], cwd=self.root, check=True)
+
+    def test_a_new_machine_leaves_settled_steps_to_all_unless_what_they_read_has_changed_in_the_latest_commits(self):
+        names = {step.name for step in self.steps}
+        settled = {step.name for step in self.steps if step.settled}
+        # What makes files for steps that run does so, settled or not.
+        left = settled - {name for step in self.steps if step.name not in settled for name in step.after}
+        self.commit(steps.RECENT_COMMITS + 1)
+        self.assertEqual(self.run_all(), names - left)
+        self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 0)
+        self.assertEqual(len([line for line in self.said[-1].splitlines() if "left to --all" in line]), len(left))
+        self.assertEqual(self.run_all(), set())
+        # A change counts whether it is committed or not.
+        changed = self.read_by("roots")
+        (self.root / changed).write_text("changed")
+        readers = {step.name for step in self.steps if steps.is_read(step, changed)}
+        self.commit(1)
+        self.assertEqual(readers - self.run_all(), set())
+        (self.root / self.read_by("try-armhf")).write_text("changed again")
+        self.assertLess({"try-armhf", "package-armhf"}, self.run_all())
+        # Once such a step has passed on this machine, it runs whenever what it reads has changed since then.
+        self.commit(steps.RECENT_COMMITS + 1)
+        with mock.patch.object(proof, "machine", lambda: "another compiler"):
+            self.assertLess({"roots", "try-armhf"}, self.run_all())
+
+    def test_settled_steps_that_are_asked_for_run(self):
+        self.commit(steps.RECENT_COMMITS + 1)
+        folder = pathlib.Path(tempfile.mkdtemp(dir=self.ran.parent))
+        self.steps = steps.chosen(self.steps, ["package"])
+        steps.test(self.root, self.steps, folder, everything=False, leaves_settled=False)
+        self.assertEqual(set(self.ran.read_text().split()), {step.name for step in self.steps})
+        self.assertIn("roots", self.ran.read_text().split())
+
     def test_under_ci_a_step_may_not_skip_itself(self):
         self.step("guest").command = f"echo it needs root; exit {steps.SKIPPED}"
         with mock.patch.dict(os.environ, {"CI": "true"}):

@@ -12,11 +12,14 @@ use std::time::Duration;
 
 use facewire_packet::{FrameReader, Packet};
 use rustix::fs::{Mode, OFlags};
-use rustix::io::{Errno, ioctl_fionbio};
+use rustix::io::{Errno, ioctl_fionbio, ioctl_fionread};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 use super::eventually;
+
+/// How many bytes wait at the board's end of a line that it does not read (`N_TTY_BUF_SIZE` of Linux, less one).
+const END_BYTES: u64 = 4095;
 
 pub struct Board {
     pub master: File,
@@ -46,11 +49,14 @@ impl Board {
         let mut modes = tcgetattr(&port).unwrap();
         modes.make_raw();
         tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
-        // The system moves bytes on after a while, which makes room again.
         let mut fill = || std::iter::repeat_with(|| port.write(&[1])).take_while(Result::is_ok).count();
-        while fill() > 0 {
+        // The system moves bytes to the board's end after a while, which makes room again until that end is full.
+        eventually("a full line", || {
+            let is_end_full = ioctl_fionread(&self.master).unwrap() >= END_BYTES;
+            let is_full = fill() == 0 && is_end_full;
             thread::sleep(Duration::from_millis(50));
-        }
+            is_full && fill() == 0
+        });
         port
     }
 

@@ -95,15 +95,17 @@ impl Faults {
         )
     }
 
-    /// Called every second; changes the service's settings now and then. Returns whether they were changed.
+    /// Called every second; changes the service's settings now and then, unless it has not taken the last change yet. Returns
+    /// whether a change may be taken from now on.
     pub fn change_settings(&mut self, process: &Process) -> bool {
         self.seconds += 1;
         let is_time = self.random.u32(0..SETTINGS_RARITY) == 0 || FIRST_SETTINGS_S.contains(&self.seconds);
-        if is_time {
+        let has_taken = process.service.logged("settings changed") >= self.changes as usize;
+        if is_time && has_taken {
             self.changes += 1;
             process.service.reload(&self.settings());
         }
-        is_time
+        is_time || !has_taken
     }
 
     pub fn step(&mut self, process: &Process) {

@@ -42,11 +42,15 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// Judges the packets of a second and the state of the process at its end. The settings may have changed at its beginning.
+    /// Judges the packets of a second and the state of the process at its end. A change of the settings may have been taken in
+    /// this second.
     pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample, is_changed: bool) {
         // These packets stem from frames, with or without a face.
         let is_of_frame = |(_, packet): &Arrival| matches!(packet.reason, Reason::None | Reason::NoFace);
-        let flows = !packets.is_empty() && packets.iter().all(is_of_frame);
+        // On a busy machine, a frame may come late. A camera that is lost is told by another reason.
+        let is_late = |(_, packet): &Arrival| packet.reason == Reason::Late;
+        let flows =
+            packets.iter().any(is_of_frame) && packets.iter().all(|arrival| is_of_frame(arrival) || is_late(arrival));
         // The last pause may have begun in the second before.
         let before = self.samples.iter().rev().nth(1).map_or(Duration::ZERO, |earlier| earlier.starved);
         let longest_pause = LONGEST_PAUSE + (sample.starved - before);
@@ -62,7 +66,8 @@ impl Judge {
 
     /// Checks that frames allocate nothing and fault no page, in the second before the last. In the first second of flowing
     /// frames a camera may have been opened, and at the end of the last second the camera may have been lost, which packets
-    /// show only later. New settings may cost something when they take effect, in the second of the change or in the next.
+    /// show only later. New settings may cost something when they take effect, in the second in which the log says so or in the
+    /// next.
     fn assert_still(&mut self) {
         let second = self.samples.len() - 1;
         let [.., before, after, _] = &self.samples[..] else { return };

@@ -20,7 +20,7 @@ use facewire_packet::Packet;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::{PATIENCE, Viewer, command, packet};
+use super::{PATIENCE, Viewer, command, eventually, packet};
 
 /// A stand-in for the program `facewire`: it finds a fault in settings with the word `bad`, and judges no settings while there is
 /// a file named `judging` beside it.
@@ -340,6 +340,20 @@ impl Console {
         );
         send(address, bytes.as_bytes(), PATIENCE)
     }
+}
+
+/// Returns the first answer in which the console does not say that the service is late. A busy machine may delay this service
+/// for longer than a console waits for it.
+pub fn in_time(ask: impl Fn() -> Answer) -> Answer {
+    let mut answer = ask();
+    eventually("a service in time", || {
+        let is_late = answer.status == 504;
+        if is_late {
+            answer = ask();
+        }
+        !is_late
+    });
+    answer
 }
 
 /// Sends these bytes and returns the answer if there is one.

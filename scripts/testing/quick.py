@@ -14,9 +14,11 @@ import steps
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # The workbench, whose tests take minutes to compile and run, and which never runs on a board.
 WORKBENCH = "facewire-fit"
-# The tests that take longest: a minute of faults and other loads in real time, the service behind the console in a browser, a
-# second compiler, and sketches of boards.
-LONG = ("avr", "heads", "impairments", "memory", "overload", "sketches", "soak")
+# The tests that take longest: a minute of faults and other loads in real time, the service behind the console in a browser, whole
+# videos by two engines, calibrations in real time, a second compiler, and sketches of boards.
+LONG = ("avr", "calibrate", "golden", "heads", "impairments", "memory", "overload", "sketches", "soak")
+# How many tests run at the same time: more than in the step `unit`, because nothing runs beside them.
+THREADS = 8
 
 
 def targets(packages, names):
@@ -33,8 +35,8 @@ def targets(packages, names):
 
 
 def targets_of(package, kind):
-    """Returns options that select the targets of one kind of a package, without the long tests."""
-    found = [target["name"] for target in package["targets"] if kind in target["kind"]]
+    """Returns options that select the targets of one kind of a package that need no other features, without the long tests."""
+    found = [target["name"] for target in package["targets"] if kind in target["kind"] and not target.get("required-features")]
     return [f"--{kind}={name}" for name in found if name not in LONG]
 
 
@@ -57,7 +59,7 @@ def build(packages, names):
 
 def run(names, binaries, metadata):
     """Returns the command that runs these packages' tests without cargo, from the lists of programs and of packages."""
-    options = ["--no-fail-fast", "--binaries-metadata", str(binaries), "--cargo-metadata", str(metadata)]
+    options = ["--no-fail-fast", f"--test-threads={THREADS}", "--binaries-metadata", str(binaries), "--cargo-metadata", str(metadata)]
     return ["cargo", "nextest", "run", *options, "--filterset", proof.tests_of(names)]
 
 

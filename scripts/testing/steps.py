@@ -30,7 +30,7 @@ PATIENT_NICENESS = 10
 # The exit status of a step that this machine cannot run. The last line of its output says why.
 SKIPPED = 77
 # How far back a change is recent. Older ones have passed before they were merged.
-RECENT_COMMITS = 25
+RECENT_COMMITS = 15
 # Seconds between two lines that say which steps are running.
 PROGRESS_S = 60
 

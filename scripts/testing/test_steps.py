@@ -274,9 +274,15 @@ class Crates(unittest.TestCase):
         # The tests of the service start the tools, too.
         self.assertTrue(chosen >= {"service", "tracker", "facewire-tools", *proof.READS_ALL}, chosen)
         self.assertFalse(chosen & set(quick.LONG))
-        self.assertEqual(quick.left_out(self.packages, names), ["impairments", "memory", "overload", "soak"])
+        self.assertEqual(quick.left_out(self.packages, names), ["calibrate", "golden", "impairments", "memory", "overload", "soak"])
         known = {target["name"] for package in self.packages.values() for target in package["targets"]}
         self.assertTrue(known >= {*quick.LONG, *proof.READS_ALL})
+
+    def test_quick_leaves_out_what_needs_features_that_are_not_asked_for(self):
+        chosen = quick.targets(self.packages, set(self.packages))
+        needs = [target for package in self.packages.values() for target in package["targets"] if target.get("required-features")]
+        self.assertTrue(needs)
+        self.assertFalse({f"--test={target['name']}" for target in needs} & set(chosen))
 
 
 class Guests(unittest.TestCase):
@@ -298,6 +304,9 @@ class Guests(unittest.TestCase):
         for path in (*kernel, "systemd/facewire.service", "packaging/scripts/prerm"):
             self.assertTrue((ROOT / path).exists(), path)
             self.assertTrue(steps.is_read(known["guest-cases"], path), path)
+        for path in ("console/src/program.rs", "console/tests/guest.rs", "src/service/control/client.rs", "systemd/facewire-helper"):
+            self.assertTrue((ROOT / path).exists(), path)
+            self.assertTrue(steps.is_read(known["guest-console"], path), path)
         for name, step in known.items():
             for case in runs.get(name, ()):
                 self.assertTrue(steps.is_read(step, f"tests/guest/cases/{case}.sh") or case == "console", case)
@@ -316,7 +325,7 @@ class Sources(unittest.TestCase):
         programs = {
             "facewire": everywhere,
             "facewire-tools": everywhere,
-            "facewire-console": ("guest-console", "unit"),
+            "facewire-console": ("unit",),
             "facewire-bridge": ("guest-packages", "unit"),
             "facewire-face": ("arm64", "crates", "oldest-rust"),
             "facewire-python": ("python", "unit"),

@@ -13,15 +13,16 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::process::Command;
-use std::time::Instant;
 
 use common::camera::{Camera, Cameras};
+use common::project;
 use common::service::{DEMO, Receiver, Service, counted};
-use common::{PATIENCE, project};
 use tempfile::TempDir;
 
 /// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
 const WARM_UP: usize = 30;
+/// How many status lines may come until the memory of threads that start late is locked, too.
+const LATE_THREADS: usize = 3;
 /// A busy machine may take seconds for a frame.
 const CAMERA: &str = "[camera]\ndevice = \"auto\"\n[failsafe]\nlive_ms = 5000\nhold_ms = 6000\nneutral_ms = 7000\n";
 /// Frames that are counted. The clip has 240, so it starts over in between.
@@ -298,12 +299,13 @@ fn locked_memory_is_all_resident_and_frames_fault_no_page() {
         return common::skip(&format!("this machine locks no memory: {log}"));
     }
     let may_fault = || Part::all(&service).into_iter().filter(Part::may_fault).map(|part| part.range);
-    let begun = Instant::now();
     // A thread that starts late gets a heap of its own, which is locked with the next status line.
-    while may_fault().next().is_some() {
-        assert!(begun.elapsed() < PATIENCE, "memory that may fault: {:?}", may_fault().collect::<Vec<_>>());
-        service.status();
+    for _ in 0..LATE_THREADS {
+        if may_fault().next().is_some() {
+            service.status();
+        }
     }
+    assert_eq!(may_fault().collect::<Vec<_>>(), Vec::<String>::new(), "memory that may fault");
     let threads = ["fw-hot", "fw-sender"].map(|name| service.thread(name));
     let faults = || threads.map(|thread| Faults::of(&service, thread));
     let counted = [(); COUNTS].map(|()| {

@@ -73,13 +73,14 @@ fn service_is_recorded_while_it_goes_on_sending_what_the_recording_holds() {
     receiver.live();
     let mut sent = Vec::new();
     thread::scope(|scope| {
-        let recording = scope.spawn(|| Run::of(&mut record(&path, &["--seconds", "1"], folder.path())));
+        let recording = scope.spawn(|| Run::of(&mut record(&path, &["--seconds", "3"], folder.path())));
         // A socket that nobody reads for seconds loses packets.
         while !recording.is_finished() {
             sent.push(receiver.packet());
         }
         recording.join().unwrap().succeeded();
     });
+    sent.extend(receiver.rest());
     service.stopped();
     let recorded = frames(&path);
     // A busy machine may not send each pose.

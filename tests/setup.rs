@@ -89,7 +89,7 @@ impl Machine {
         let mut command = Command::new(project("scripts/setup"));
         command.arg(step).env("PATH", self.path("bin")).env("XDG_CACHE_HOME", self.path("cache"));
         command.env("LIBCLANG_PATH", "/").env_remove("RUSTUP_TOOLCHAIN");
-        // However slow the machine is, nothing is told for its length, unless a test wants that.
+        // Progress messages stay off, however slow the machine is. Tests of them set this variable again.
         command.env("FACEWIRE_PROGRESS_S", "86400");
         command
     }

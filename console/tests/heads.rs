@@ -215,15 +215,16 @@ impl Head {
     }
 
     /// Drags a slider to `position`, waits until the servo arrives and the page shows `text`, and then clicks `button`. Begins
-    /// again if the page has disarmed, also just before the click, because a busy machine has delayed its heartbeat.
+    /// again if the page has disarmed, even just before the click: a busy machine delays its heartbeat.
     fn drive(&mut self, name: &str, position: f64, text: &str, button: &str, mut has_arrived: impl FnMut() -> bool) {
         let begun = Instant::now();
         let slider = element(&format!("[aria-label='Move {name}']"));
         let is_armed = format!("!{slider}.disabled");
         let is_done = format!("document.body.innerText.includes({text:?}) && {} !== undefined", control(button));
         // The hand remembers which control it has clicked.
-        let is_clicked = format!("hand.control.textContent.trim().startsWith({button:?})");
+        let is_clicked = format!("hand.control?.textContent.trim().startsWith({button:?})");
         loop {
+            assert!(begun.elapsed() < PATIENCE, "{button} is not clicked at {position} of {name}");
             self.browser.drive(&slider, position);
             while self.browser.value(&is_armed) == true {
                 if has_arrived() && self.browser.value(&is_done) == true {

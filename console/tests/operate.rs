@@ -202,9 +202,10 @@ fn stop_releases_all_servos_by_click_and_by_key_until_they_may_move_again() {
         browser.click_on(&element(empty));
         let before = count(&console.service.seen.lock().unwrap());
         browser.press(key);
-        console.service.until(|seen| count(seen) > before);
+        console.service.until(|seen| count(seen) == before + 1);
         browser.click("Let servos move again");
         browser.wait_until("!document.querySelector('.released')");
+        assert_eq!(count(&console.service.seen.lock().unwrap()), before + 1, "one release for each key");
     }
 }
 
@@ -587,7 +588,7 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
     // pace.
     browser.value(
         "const waits = setTimeout; \
-         window.setTimeout = (call, ms, ...more) => waits(call, ms === 50 ? 10 : ms, ...more); 0",
+         window.hastened = 0;          window.setTimeout = (call, ms, ...more) => waits(call, ms === 50 ? (hastened += 1, 10) : ms, ...more); 0",
     );
     eventually("a sweep", || {
         browser.click_on(&or_arm("Sweep each channel"));
@@ -600,6 +601,7 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
         let seen = console.service.seen.lock().unwrap();
         [0, 3].into_iter().all(|number| ends(&seen, number))
     });
+    assert!(browser.value("hastened").as_u64() > Some(100), "the steps of a sweep have another length");
 }
 
 #[test]

@@ -70,8 +70,13 @@ def stamp(name, about, contents):
     return CACHE / "proven" / f"{name}-{hashlib.sha256(os.fsencode(told)).hexdigest()[:24]}"
 
 
-def has_passed(name):
-    """Returns whether something of this name has passed on this machine, whatever files it has read."""
+def failure(name):
+    """Returns the path of the stamp that says that something of this name has failed on this machine."""
+    return CACHE / "proven" / f"{name}-failed"
+
+
+def has_run(name):
+    """Returns whether something of this name has passed or failed on this machine, whatever files it has read."""
     return any(path.name.rpartition("-")[0] == name for path in (CACHE / "proven").glob(f"{name}-*"))
 
 

@@ -35,14 +35,19 @@ def targets(packages, names):
 
 
 def targets_of(package, kind):
-    """Returns options that select the targets of one kind of a package that need no other features, without the long tests."""
-    found = [target["name"] for target in package["targets"] if kind in target["kind"] and not target.get("required-features")]
-    return [f"--{kind}={name}" for name in found if name not in LONG]
+    """Returns options that select the targets of one kind of a package, without those that are left out."""
+    found = [target for target in package["targets"] if kind in target["kind"]]
+    return [f"--{kind}={target['name']}" for target in found if not is_left_out(target)]
+
+
+def is_left_out(target):
+    """Returns whether a target is a long test, or needs a feature that is not asked for."""
+    return target["name"] in LONG or bool(target.get("required-features"))
 
 
 def left_out(packages, names):
-    """Returns the names of the long tests of these packages."""
-    return sorted(target["name"] for name in names for target in packages[name]["targets"] if target["name"] in LONG)
+    """Returns the names of the targets of these packages that are left out."""
+    return sorted(target["name"] for name in names for target in packages[name]["targets"] if is_left_out(target))
 
 
 def lint(packages, names):

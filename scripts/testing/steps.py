@@ -29,8 +29,10 @@ BESIDE = max(1, int(os.environ.get("FACEWIRE_STEPS", "3")))
 PATIENT_NICENESS = 10
 # The exit status of a step that this machine cannot run. The last line of its output says why.
 SKIPPED = 77
-# How far back a change is recent. Older ones have passed before they were merged.
+# How far back a change is recent. A machine that can run the settled steps must test a change within so many commits.
 RECENT_COMMITS = 15
+# Where the steps are described.
+LIST = "scripts/testing/steps.toml"
 # Seconds between two lines that say which steps are running.
 PROGRESS_S = 60
 
@@ -61,8 +63,13 @@ class Outcome:
 
 
 def load(path):
-    """Returns the steps of a file, with the names of patterns replaced by the patterns."""
-    described = tomllib.loads(path.read_text())
+    """Returns the steps that a file describes."""
+    return read(path.read_text())
+
+
+def read(text):
+    """Returns the steps that a text describes, with the names of patterns replaced by the patterns."""
+    described = tomllib.loads(text)
     named = described["patterns"]
 
     def patterns(reads):
@@ -96,27 +103,38 @@ def needed(steps, proven):
 
 
 def settled(root, steps):
-    """Returns the names of the settled steps that have never passed on this machine, and that read nothing that has changed
-    recently."""
-    changed = recently_changed(root)
-    if changed is None:
+    """Returns the names of the settled steps that have never run on this machine, and have not changed recently, nor has what they
+    read. There are none if git does not tell what has changed."""
+    try:
+        before = commit_before(root)
+        changed = changed_since(root, before)
+        then = {step.name: step for step in read(git(root, "show", f"{before}:{LIST}"))} if LIST in changed else {}
+    except (subprocess.CalledProcessError, IndexError):
         return set()
-    new = [step for step in steps if step.settled and not proof.has_passed(step.name)]
-    return {step.name for step in new if not any(is_read(step, path) for path in changed)}
+
+    def is_recent(step):
+        other = then.get(step.name, step)
+        return (other.command, other.reads) != (step.command, step.reads) or any(is_read(step, path) for path in changed)
+
+    return {step.name for step in steps if step.settled and not proof.has_run(step.name) and not is_recent(step)}
 
 
-def recently_changed(root):
-    """Returns the paths of the files that differ from those of [`RECENT_COMMITS`] commits ago, or `None` if the history is shorter."""
+def commit_before(root):
+    """Returns the commit before the recent ones. Raises `IndexError` if there is none."""
+    return git(root, "rev-list", "--first-parent", f"--max-count={RECENT_COMMITS + 1}", "HEAD").split()[RECENT_COMMITS]
 
-    def git(*arguments):
-        return os.fsdecode(subprocess.run(["git", *arguments], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout)
 
-    commits = git("rev-list", "--first-parent", f"--max-count={RECENT_COMMITS + 1}", "HEAD").split()
-    if len(commits) <= RECENT_COMMITS:
-        return None
-    tracked = git("diff", "--name-only", "-z", commits[-1])
-    new = git("ls-files", "-z", "--others", "--exclude-standard")
+def changed_since(root, commit):
+    """Returns the paths of the files that have been changed, added or removed since a commit."""
+    tracked = git(root, "diff", "--no-renames", "--no-ext-diff", "--relative", "--name-only", "-z", commit)
+    new = git(root, "ls-files", "-z", "--others", "--exclude-standard")
     return {path for path in (tracked + new).split("\0") if path}
+
+
+def git(root, *arguments):
+    """Returns what git prints."""
+    run = subprocess.run(["git", *arguments], cwd=root, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    return os.fsdecode(run.stdout)
 
 
 # --- running ---
@@ -292,15 +310,16 @@ def conclude(run, left_out, began):
     say_table(run)
     skips = sorted(line for step in run.steps for line in run.skips(step)) + [f"step {name}: not asked for" for name in left_out]
     left = [name for name, outcome in run.outcomes.items() if outcome.verdict == "left"]
-    skips += [f"step {name}: left to --all: the last {RECENT_COMMITS} commits change nothing that it reads" for name in left]
+    skips += [f"step {name}: left to --all: nothing that it reads has changed in the last {RECENT_COMMITS} commits" for name in left]
     failed = [name for name, outcome in run.outcomes.items() if outcome.verdict == "FAILED"]
     print(f"\n== {'FAILED: ' + ' '.join(failed) if failed else 'passed'}, {len(skips)} skipped ({time.monotonic() - began:.0f} s)")
     print("\n".join(skips))
     return 1 if failed else 0
 
 
-def test(root, steps, folder, *, everything, leaves_settled=True):
-    """Runs the steps that are not proven or, if `everything` is set, all of them. Returns the run."""
+def test(root, steps, folder, *, everything, asked=()):
+    """Runs the steps that are not proven or, if `everything` is set, all of them. Leaves out no settled step if steps are `asked`
+    for by name. Returns the run."""
     about = proof.machine()
     contents = proof.files(root)
     stamps = {step.name: stamp(step, about, contents) for step in steps}
@@ -327,11 +346,14 @@ def test(root, steps, folder, *, everything, leaves_settled=True):
         environment["CARGO_TARGET_DIR"] = str(target_folder())
     run = Run(root, steps, folder, environment, prove)
     proven = set() if everything else {name for name, path in stamps.items() if path.exists()}
-    left = settled(root, steps) if leaves_settled and not everything else set()
+    left = set() if everything or asked else settled(root, steps)
     wanted = needed(steps, proven | left)
     try:
         run.run(wanted)
         run.outcomes.update({name: Outcome("left") for name in left - wanted})
+        for name, outcome in run.outcomes.items():
+            if outcome.verdict == "FAILED":
+                proof.prove(proof.failure(name))
     finally:
         run.stop()
     return run
@@ -375,7 +397,7 @@ def main():
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         compiled.take(proof.CACHE, target)
-        run = test(ROOT, steps, folder, everything=arguments.all, leaves_settled=not arguments.steps)
+        run = test(ROOT, steps, folder, everything=arguments.all, asked=arguments.steps)
         # Only now does nobody write into the target folder any more.
         compiled.give(proof.CACHE, target)
         return conclude(run, [step.name for step in known if step not in steps], began)

@@ -135,7 +135,7 @@ class Checkout(unittest.TestCase):
             self.assertEqual(tested.read_text(), "all()\n")
 
     def commit(self, times):
-        """Commits all changes, and then nothing some times."""
+        """Commits all changes, and makes `times` commits in all, the others of which are empty."""
         author = ["-c", "user.name=somebody", "-c", "user.email=somebody@localhost"]
         subprocess.run(["git", "add", "--all"], cwd=self.root, check=True)
         for _ in range(times):
@@ -149,7 +149,8 @@ class Checkout(unittest.TestCase):
         self.commit(steps.RECENT_COMMITS + 1)
         self.assertEqual(self.run_all(), names - left)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 0)
-        self.assertEqual(len([line for line in self.said[-1].splitlines() if "left to --all" in line]), len(left))
+        named = re.findall(r"^step (\S+): left to --all", self.said[-1], re.MULTILINE)
+        self.assertEqual(sorted(named), sorted(left))
         self.assertEqual(self.run_all(), set())
         # A change counts whether it is committed or not.
         changed = self.read_by("roots")
@@ -159,16 +160,40 @@ class Checkout(unittest.TestCase):
         self.assertEqual(readers - self.run_all(), set())
         (self.root / self.read_by("try-armhf")).write_text("changed again")
         self.assertLess({"try-armhf", "package-armhf"}, self.run_all())
-        # Once such a step has passed on this machine, it runs whenever what it reads has changed since then.
+        # So does a file that goes elsewhere.
+        moved = self.root / self.read_by("wheel")
+        moved.rename(self.root / "elsewhere")
+        self.commit(1)
+        self.assertIn("wheel", self.run_all())
+        # Once such a step has run on this machine, it runs whenever what it reads has changed since then.
         self.commit(steps.RECENT_COMMITS + 1)
         with mock.patch.object(proof, "machine", lambda: "another compiler"):
             self.assertLess({"roots", "try-armhf"}, self.run_all())
+
+    def test_a_settled_step_that_has_failed_or_whose_command_has_changed_is_not_left_out(self):
+        described = self.root / steps.LIST
+        described.parent.mkdir(parents=True, exist_ok=True)
+        described.write_text((ROOT / steps.LIST).read_text().replace('command = "packaging/roots"', 'command = "packaging/roots old"'))
+        self.commit(steps.RECENT_COMMITS + 1)
+        self.steps = steps.load(ROOT / steps.LIST)
+        self.assertIn("roots", steps.settled(self.root, self.steps))
+        described.write_text((ROOT / steps.LIST).read_text())
+        left = steps.settled(self.root, self.steps)
+        self.assertNotIn("roots", left)
+        self.assertIn("try-arm64", left)
+        proof.prove(proof.failure("try-arm64"))
+        self.assertEqual(left - steps.settled(self.root, self.steps), {"try-arm64"})
+
+    def test_what_a_step_waits_for_makes_files_or_is_not_settled(self):
+        for step in self.steps:
+            for name in step.after:
+                self.assertTrue(self.step(name).makes or not self.step(name).settled, name)
 
     def test_settled_steps_that_are_asked_for_run(self):
         self.commit(steps.RECENT_COMMITS + 1)
         folder = pathlib.Path(tempfile.mkdtemp(dir=self.ran.parent))
         self.steps = steps.chosen(self.steps, ["package"])
-        steps.test(self.root, self.steps, folder, everything=False, leaves_settled=False)
+        steps.test(self.root, self.steps, folder, everything=False, asked=["package"])
         self.assertEqual(set(self.ran.read_text().split()), {step.name for step in self.steps})
         self.assertIn("roots", self.ran.read_text().split())
 
@@ -283,6 +308,7 @@ class Crates(unittest.TestCase):
         needs = [target for package in self.packages.values() for target in package["targets"] if target.get("required-features")]
         self.assertTrue(needs)
         self.assertFalse({f"--test={target['name']}" for target in needs} & set(chosen))
+        self.assertIn("zenoh", quick.left_out(self.packages, set(self.packages)))
 
 
 class Guests(unittest.TestCase):
@@ -304,7 +330,8 @@ class Guests(unittest.TestCase):
         for path in (*kernel, "systemd/facewire.service", "packaging/scripts/prerm"):
             self.assertTrue((ROOT / path).exists(), path)
             self.assertTrue(steps.is_read(known["guest-cases"], path), path)
-        for path in ("console/src/program.rs", "console/tests/guest.rs", "src/service/control/client.rs", "systemd/facewire-helper"):
+        console = ("page/start.js", "src/console.rs", "src/program.rs", "src/settings.rs", "tests/guest.rs")
+        for path in (*(f"console/{name}" for name in console), "src/service/control/client.rs", "systemd/facewire-helper"):
             self.assertTrue((ROOT / path).exists(), path)
             self.assertTrue(steps.is_read(known["guest-console"], path), path)
         for name, step in known.items():

@@ -17,6 +17,8 @@ const SETTINGS_RARITY: u32 = 20;
 const FIRST_SETTINGS_S: [u32; 3] = [4, 8, 12];
 /// After this many changes, a link changes too: the serial port gets another baud rate.
 const LINK_CHANGE: u32 = 3;
+/// The longest time in which a service takes new settings, on a busy machine.
+const LONGEST_PENDING_S: u32 = 60;
 
 /// A fault that comes and goes: on average, it begins once in `rarity` steps, and lasts at most `longest` steps.
 struct Fault {
@@ -59,6 +61,9 @@ pub struct Faults {
     inference_stopped: Fault,
     seconds: u32,
     changes: u32,
+    /// Whether the settings are to be changed once the last change has been taken.
+    is_due: bool,
+    pending_s: u32,
 }
 
 impl Faults {
@@ -79,6 +84,8 @@ impl Faults {
             inference_stopped: Fault::new(150, 20),
             seconds: 0,
             changes: 0,
+            is_due: false,
+            pending_s: 0,
         }
     }
 
@@ -95,17 +102,21 @@ impl Faults {
         )
     }
 
-    /// Called every second; changes the service's settings now and then, unless it has not taken the last change yet. Returns
-    /// whether a change may be taken from now on.
+    /// Called every second; changes the service's settings now and then, unless the last change is still pending. Returns whether
+    /// a change is pending or has just been made.
     pub fn change_settings(&mut self, process: &Process) -> bool {
         self.seconds += 1;
-        let is_time = self.random.u32(0..SETTINGS_RARITY) == 0 || FIRST_SETTINGS_S.contains(&self.seconds);
-        let has_taken = process.service.logged("settings changed") >= self.changes as usize;
-        if is_time && has_taken {
-            self.changes += 1;
-            process.service.reload(&self.settings());
+        self.is_due |= self.random.u32(0..SETTINGS_RARITY) == 0 || FIRST_SETTINGS_S.contains(&self.seconds);
+        let is_pending = process.service.logged("settings changed") < self.changes as usize;
+        self.pending_s = if is_pending { self.pending_s + 1 } else { 0 };
+        assert!(self.pending_s < LONGEST_PENDING_S, "the service does not take its settings");
+        if is_pending || !self.is_due {
+            return is_pending;
         }
-        is_time || !has_taken
+        self.is_due = false;
+        self.changes += 1;
+        process.service.reload(&self.settings());
+        true
     }
 
     pub fn step(&mut self, process: &Process) {

@@ -363,7 +363,9 @@ impl Browser {
 
     /// Waits until the page has got so many answers to requests for this path and is drawn with them.
     pub fn await_answers(&mut self, path: &str, count: usize) {
+        let end = Instant::now() + self.patience;
         while self.answers(path) < count {
+            assert!(Instant::now() < end, "waited in vain for an answer of {path}");
             self.take_message();
         }
         self.wait_for_picture();
@@ -371,7 +373,9 @@ impl Browser {
 
     /// Waits until the page has got so many statuses and is drawn with them.
     pub fn await_statuses(&mut self, count: usize) {
+        let end = Instant::now() + self.patience;
         while self.statuses() < count {
+            assert!(Instant::now() < end, "waited in vain for a status");
             self.take_message();
         }
         self.wait_for_picture();

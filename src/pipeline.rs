@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use facewire_face::{Camera, Face, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker};
+use facewire_face::{Camera, Face, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker, Wears};
 use facewire_packet::{Pose, Reason};
 
 use crate::calibration::{Observation, Store, StoreError, WearerName, model_hash};
@@ -206,12 +206,23 @@ pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
 
-/// Returns the wearer's profile, and the [`model_warning`] of it.
+/// Returns the wearer's profile, and why it may be of no use.
 pub fn load_profile(wearer: &WearerSettings, solver: &SolverSettings) -> Result<(Profile, Option<String>), StoreError> {
     let Some(name) = WearerName::new(&wearer.name) else { return Ok((Profile::default(), None)) };
     let file = Store::new(&wearer.folder).load(&name)?;
-    let warning = model_warning(&name, file.model, solver);
+    let warning = worn_warning(&name, &file.profile, wearer.wears).or_else(|| model_warning(&name, file.model, solver));
     Ok((file.profile, warning))
+}
+
+/// Says that a wearer's profile was made with a headset on, but is used without one, or the other way round.
+fn worn_warning(name: &WearerName, profile: &Profile, wears: Wears) -> Option<String> {
+    (!profile.fits(wears)).then(|| {
+        let [made, used] = if wears == Wears::Headset { ["without", "with"] } else { ["with", "without"] };
+        format!(
+            "the profile of {name} was made {made} a headset and is of no use {used} one: run `facewire calibrate --wearer \
+             NAME` with another name, which keeps both"
+        )
+    })
 }
 
 /// Says that a wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may

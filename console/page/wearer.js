@@ -35,7 +35,7 @@ export function Wearer() {
       !isRunning &&
       html`<div class="panel">
       <h3>Calibrate</h3>
-      <p>Eleven poses of some seconds each teach facewire a face. Sit as you will sit later, with light from the front. A head shows each pose, beside your own picture or landmarks.</p>
+      <p>${POSES[used.wearer?.wears] ?? POSES.nothing} Sit as you will sit later, with light from the front. A head shows each pose, beside your own picture or landmarks.</p>
       <div class="row">
         <label class="grow">Name of the wearer<input value=${name} onInput=${(event) => setName(event.target.value)}
           autocomplete="off" autocapitalize="none" /></label>
@@ -83,6 +83,12 @@ export function Wearer() {
     </section>`
     }`;
 }
+
+const POSES = {
+  nothing: "Eleven poses of some seconds each teach facewire a face.",
+  headset: "Put the headset on. Your mouth at rest for some seconds teaches facewire how it looks there.",
+  mask: "Put the mask on. Eight poses of some seconds each teach facewire eyes and brows.",
+};
 
 function Guide({ progress }) {
   const { take, done, of, phase, measured, seen, waits_for: waits, refused, last_refusal: last } = progress;

@@ -31,7 +31,9 @@ pub use solve::{
     Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Gaze, Group, HeadPose, MAX_REST, Method,
     Neutral, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, Wears,
 };
-pub use track::{Appearance, EyeValues, Face, FaceBox, Follow, LANDMARKS, Landmarks, Looks, MESH, Tracker};
+pub use track::{
+    Appearance, EyeValues, Face, FaceBox, Follow, LANDMARKS, Landmarks, Looks, MESH, MouthValues, Tracker,
+};
 
 /// The single stages, for engines and for programs that measure, train or calibrate.
 pub mod stages {

@@ -4,11 +4,13 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Neutral, Profile};
+use crate::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Neutral, Profile, Wears};
 
 const FORMAT: i64 = 1;
 /// Most bytes of the text.
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
+/// What a wearer can have on the face, as files name it. Those of bare faces do not.
+const WORN: [(&str, Wears); 2] = [("headset", Wears::Headset), ("mask", Wears::Mask)];
 const STEPS: f32 = 10_000.0;
 /// Greatest coordinate in a text, steps. Faces stay below 3 eye distances.
 const MAX_STEPS: f32 = 50_000.0;
@@ -32,6 +34,8 @@ struct Table<T> {
     #[serde(default)]
     made_at_unix_s: u64,
     model: Option<String>,
+    /// A name of [`WORN`].
+    wears: Option<String>,
     #[serde(default = "Vec::new")]
     takes: Vec<T>,
     neutral: Vec<[i32; 3]>,
@@ -72,6 +76,10 @@ impl<T: Serialize + DeserializeOwned + PartialEq> ProfileFile<T> {
         if let Some(model) = self.model {
             let _ = writeln!(text, "model = \"{model:08x}\"");
         }
+        let worn = WORN.iter().find(|(_, wears)| *wears == self.profile.wears);
+        if let Some((name, _)) = worn {
+            let _ = writeln!(text, "wears = \"{name}\"");
+        }
         let _ = writeln!(text, "takes = [{}]\n", takes.join(", "));
         text.push_str("# x, y, z of the landmarks, in ten-thousandths of the distance of the eyes\nneutral = [\n");
         #[expect(clippy::cast_possible_truncation, reason = "the greatest coordinate is an i32")]
@@ -104,6 +112,10 @@ impl<T: PartialEq> Table<T> {
         }
         let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
         let mut profile = Profile::from(neutral);
+        if let Some(name) = &self.wears {
+            let known = WORN.iter().find(|(known, _)| known == name);
+            profile.wears = known.ok_or_else(|| "wears is not \"headset\" or \"mask\"".to_owned())?.1;
+        }
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;
             let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);
@@ -134,7 +146,7 @@ mod tests {
     fn file(made_at_unix_s: u64) -> ProfileFile {
         let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
         let neutral = Some(Neutral::from_points(&face.points).unwrap());
-        let profile = Profile { neutral, rest: [-0.2125; COEFFS], gain: [1.25; COEFFS] };
+        let profile = Profile { neutral, rest: [-0.2125; COEFFS], gain: [1.25; COEFFS], wears: Wears::Nothing };
         let takes = ["neutral", "eyes-shut"].map(str::to_owned).to_vec();
         let parsed = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
         // Rounded once, it stays the same.
@@ -153,6 +165,20 @@ mod tests {
         greatest.takes = (0..11).map(|number| format!("take-of-a-pose-{number}")).collect();
         greatest.profile.rest = [-MAX_REST; COEFFS];
         assert!(greatest.text().len() <= 16 << 10, "{}", greatest.text().len());
+    }
+
+    #[test]
+    fn a_profile_says_what_was_on_the_face_unless_that_was_nothing_and_another_word_is_refused() {
+        for (wears, line) in [(Wears::Headset, "wears = \"headset\"\n"), (Wears::Mask, "wears = \"mask\"\n")] {
+            let mut file = file(7);
+            file.profile.wears = wears;
+            assert!(file.text().contains(line));
+            assert_eq!(ProfileFile::parse(&file.text()).unwrap().profile.wears, wears);
+        }
+        let bare = file(7).text();
+        assert!(!bare.contains("wears"));
+        let hat = ProfileFile::parse(&bare.replace("takes = ", "wears = \"hat\"\ntakes = "));
+        assert!(hat.unwrap_err().contains("wears"));
     }
 
     #[test]

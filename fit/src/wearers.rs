@@ -9,7 +9,7 @@ use facewire::calibration::{Guide, Observation, Take};
 use facewire::capture::Content;
 use facewire::config::Settings;
 use facewire::playback::{Shown, TrackedFrame};
-use facewire_face::{BLENDSHAPES, COEFFS, Camera, Group, Model, NeutralMode, Profile};
+use facewire_face::{BLENDSHAPES, COEFFS, Camera, Group, Model, NeutralMode, Profile, Wears};
 use rayon::prelude::*;
 
 use crate::curves::{FRAME_US, LIDS, OPEN, SHUT, shut};
@@ -142,7 +142,7 @@ fn is_expression(clip: &Clip, frame: usize) -> bool {
 /// Guides the wearer through a calibration, in which frames of the part `at_rest` are shown for the neutral take. The
 /// wearer begins a part again when it has ended. `None` if it was refused.
 fn calibrate(clip: &Clip, model: &Model, at_rest: &str) -> Result<Option<Profile>> {
-    let mut guide = Guide::new(model.clone());
+    let mut guide = Guide::new(model.clone(), Wears::Nothing);
     let (mut shown, mut since) = (None, 0);
     for number in 0..MOST_FRAMES {
         let Some(take) = guide.wanted() else { break };

@@ -52,7 +52,7 @@ pub use error::Error;
 pub use facewire_face::{
     Adjustment, Adjustments, BLENDSHAPES, Camera, Filter, FilterKind, Filters, Gaze, Group, HeadPose, LANDMARKS,
     Landmarks, MAX_SIDE_PX, Method, Neutral, NeutralMode, Picture, Pixels, Profile, Rotation, Rules, Shaping,
-    SolveError,
+    SolveError, Wears,
     stages::{Coefficients, FiltersState, Normalised},
 };
 pub use facewire_packet::{NeutralFace, Visibility};

@@ -7,12 +7,12 @@
 
 use std::collections::VecDeque;
 
-use facewire_face::{Model, Profile};
+use facewire_face::{Model, Profile, Wears};
 use facewire_packet::control::{Phase, Progress, Refusal, Take};
 
 use super::model_hash;
 use super::observation::{Fit, Hold, Observation, View};
-use super::take::{Takes, doubt, expected, learn};
+use super::take::{Takes, doubt, expected, learn, takes_of};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
@@ -56,6 +56,7 @@ pub struct Guide {
     last_us: Option<u64>,
     period_s: Option<f32>,
     plan: VecDeque<Take>,
+    takes_in_all: usize,
     stage: Stage,
     takes: Takes,
     last_refusal: Option<Refusal>,
@@ -80,16 +81,18 @@ struct Stage {
 }
 
 impl Guide {
-    /// Begins with the neutral take. `model` is that of the solver.
-    pub fn new(model: Model) -> Self {
+    /// Begins with the neutral take. `model` is that of the solver, and `wears` what the wearer has on the face.
+    pub fn new(model: Model, wears: Wears) -> Self {
+        let plan: VecDeque<Take> = takes_of(wears).collect();
         Self {
             calibration: Calibration { model: model_hash(&model), ..Calibration::default() },
             model,
             last_us: None,
             period_s: None,
-            plan: Take::ALL.into(),
+            takes_in_all: plan.len(),
+            plan,
             stage: Stage::default(),
-            takes: Takes::default(),
+            takes: Takes::of(wears),
             last_refusal: None,
             hindered_s: 0.0,
             retakes: 0,
@@ -100,6 +103,10 @@ impl Guide {
     /// The take that the guide asks for, or `None` at the end.
     pub fn wanted(&self) -> Option<Take> {
         if self.outcome.is_some() { None } else { self.plan.front().copied() }
+    }
+
+    pub fn wears(&self) -> Wears {
+        self.takes.wears
     }
 
     pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
@@ -124,7 +131,7 @@ impl Guide {
     }
 
     pub fn progress(&self) -> Progress {
-        let take = self.plan.front().copied().unwrap_or(Take::LookDown);
+        let take = self.plan.front().copied().or(takes_of(self.takes.wears).last()).unwrap_or(Take::Neutral);
         let phase = match &self.stage {
             _ if self.wanted().is_none() => Phase::Ended,
             Stage { hold: Some(_), .. } => Phase::Measure,
@@ -133,8 +140,8 @@ impl Guide {
         };
         Progress {
             take,
-            done: Take::ALL.len().saturating_sub(self.plan.len()),
-            of: Take::ALL.len(),
+            done: self.takes_in_all.saturating_sub(self.plan.len()),
+            of: self.takes_in_all,
             phase,
             measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(value_for(MEASURE_S, take))),
             seen: self.stage.seen,

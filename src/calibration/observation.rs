@@ -2,7 +2,7 @@
 //! the wearer holds still and the frames are averaged.
 
 use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, normalise};
-use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, Neutral};
+use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, MouthValues, Neutral, Wears};
 use facewire_packet::control::{Refusal, Take};
 
 use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
@@ -54,16 +54,18 @@ impl Seen {
         let head_deg = HeadPose::new(&face, camera).yaw_pitch_roll_deg();
         let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Coefficients([0.0; COEFFS])));
         let eyes = appearance.map(|it| it.looks.eyes);
-        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], eyes, face, head_deg })
+        let mouth = appearance.map(|it| it.looks.mouth);
+        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], eyes, mouth, face, head_deg })
     }
 
-    /// What the regression and the pictures of the eyes give for this face. Without a neutral face it is measured from the
-    /// mean of many people. `None` if the model makes nothing of it.
-    pub fn raw(&self, model: &Model, neutral: Option<&Neutral>) -> Option<[f32; COEFFS]> {
+    /// What the regression and the pictures of the eyes give for this face, and under a headset the picture of the mouth. Without a
+    /// neutral face it is measured from the mean of many people. `None` if the model makes nothing of it.
+    pub fn raw(&self, model: &Model, neutral: Option<&Neutral>, wears: Wears) -> Option<[f32; COEFFS]> {
         let [unknown, known] = &self.residuals;
         let residual = if neutral.is_some() { known } else { unknown };
         let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
         model.look(&mut raw, &Features::new(&self.face, Reference::MEAN), self.eyes.as_ref());
+        wears.uncover(&mut raw, self.mouth.as_ref());
         Some(raw.0)
     }
 }
@@ -75,6 +77,8 @@ pub(super) struct View<'a> {
     /// In this frame, and smoothed.
     pub(super) strength_now: f32,
     pub(super) strength: f32,
+    /// Whether the angles of the head can be trusted: under a headset, they are wrong by 20 degrees and more.
+    has_pose: bool,
 }
 
 impl<'a> View<'a> {
@@ -83,13 +87,14 @@ impl<'a> View<'a> {
         let known = takes.neutral.as_ref().filter(|_| take != Take::Neutral);
         let (from, limits) = known.map_or(([0.0; 3], FACING_DEG), |known| (known.head_deg, [TURNED_DEG; 3]));
         let mut angles = seen.head_deg.iter().zip(from).zip(limits);
+        let has_pose = takes.wears != Wears::Headset;
         // An angle that is not a number is refused, too.
-        if !angles.all(|((angle, from), limit)| (angle - from).abs() <= limit) {
+        if has_pose && !angles.all(|((angle, from), limit)| (angle - from).abs() <= limit) {
             return Err(Refusal::HeadTurned);
         }
-        let coefficients = seen.raw(model, known.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
+        let coefficients = seen.raw(model, known.map(|known| &known.neutral), takes.wears).ok_or(Refusal::NoFace)?;
         let strength = known.map_or(0.0, |known| strength(take, &coefficients) - strength(take, &known.raw));
-        Ok(Self { seen, coefficients, strength_now: strength, strength })
+        Ok(Self { seen, coefficients, strength_now: strength, strength, has_pose })
     }
 
     /// Why the face is not what the take asks for. In the neutral take, it is measured from the mean of many people.
@@ -124,6 +129,7 @@ pub(super) struct Hold {
     /// Sums over the frames.
     residuals: [[f32; COEFFS]; 2],
     eyes: Option<EyeValues>,
+    mouth: Option<MouthValues>,
     coefficients: [f32; COEFFS],
     head_deg: [f32; 3],
     /// The angles of the head and the strength at the beginning, and the greatest strength since.
@@ -141,6 +147,7 @@ impl Hold {
             faces: FaceMean::default(),
             residuals: [[0.0; COEFFS]; 2],
             eyes: view.seen.eyes.map(|_| EyeValues::default()),
+            mouth: view.seen.mouth.map(|_| MouthValues::default()),
             coefficients: [0.0; COEFFS],
             head_deg: [0.0; 3],
             first_head_deg: view.seen.head_deg,
@@ -158,6 +165,7 @@ impl Hold {
         self.faces.add(&seen.face);
         self.residuals.iter_mut().zip(&seen.residuals).for_each(|(sums, residual)| add(sums, &residual.0));
         self.eyes.iter_mut().zip(&seen.eyes).for_each(|(sums, eyes)| add(sums.as_flattened_mut(), eyes.as_flattened()));
+        self.mouth.iter_mut().zip(&seen.mouth).for_each(|(sums, mouth)| add(sums, mouth));
         add(&mut self.coefficients, coefficients);
         add(&mut self.head_deg, &seen.head_deg);
         self.peak = self.peak.max(*strength);
@@ -167,7 +175,7 @@ impl Hold {
 
     pub(super) fn judge(&self, take: Take, view: &View<'_>) -> Fit {
         let mut angles = self.first_head_deg.iter().zip(view.seen.head_deg);
-        let is_head_still = angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
+        let is_head_still = !view.has_pose || angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
         if take != Take::Neutral {
             return match view.strength {
                 _ if view.is_blink(take) => Fit::Blink,
@@ -201,6 +209,7 @@ impl Hold {
         let mean = |sum: f32| sum / self.faces.frames() as f32;
         let residuals = self.residuals.map(|sums| Coefficients(sums.map(mean)));
         let eyes = self.eyes.map(|sums| sums.map(|values| values.map(mean)));
-        Some(Seen { face: self.faces.finish()?, residuals, eyes, head_deg: self.head_deg.map(mean) })
+        let mouth = self.mouth.map(|sums| sums.map(mean));
+        Some(Seen { face: self.faces.finish()?, residuals, eyes, mouth, head_deg: self.head_deg.map(mean) })
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use facewire_face::stages::{Coefficients, Normalised};
-use facewire_face::{BLENDSHAPES, COEFFS, EyeValues, MAX_REST, Model, Neutral, Profile};
+use facewire_face::{BLENDSHAPES, COEFFS, EyeValues, MAX_REST, Model, MouthValues, Neutral, Profile, Wears};
 use facewire_packet::control::{Refusal, Take};
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
@@ -43,6 +43,17 @@ pub(super) fn expected(take: Take) -> Expected {
     Expected { raises, threshold, lids, typical }
 }
 
+/// The takes of a wearer who has this on the face: a pose that is covered cannot be seen. Under a headset, the mouth is read from
+/// its picture, and only its rest differs enough from person to person to be learned.
+pub(super) fn takes_of(wears: Wears) -> impl Iterator<Item = Take> {
+    let is_of_mouth = |take| matches!(take, Take::JawOpen | Take::Smile | Take::Pucker);
+    Take::ALL.into_iter().filter(move |take| match wears {
+        Wears::Nothing => true,
+        Wears::Headset => *take == Take::Neutral,
+        Wears::Mask => !is_of_mouth(*take),
+    })
+}
+
 /// How strongly a pose is seen: the mean of its coefficients, or, for shut eyes, the lid that is less shut.
 pub(super) fn strength(take: Take, coefficients: &[f32; COEFFS]) -> f32 {
     match take {
@@ -76,22 +87,30 @@ pub struct Seen {
     pub residuals: [Coefficients; 2],
     /// What the network of the eyes gives, if the face was seen in a picture.
     pub eyes: Option<EyeValues>,
+    /// What the network of the mouth gives, likewise.
+    pub mouth: Option<MouthValues>,
     pub head_deg: [f32; 3],
 }
 
 /// The accepted takes. Poses are kept as they were seen, so that they stay valid when the neutral take is repeated.
 #[derive(Default)]
 pub(super) struct Takes {
+    pub(super) wears: Wears,
     pub(super) neutral: Option<Known>,
     poses: BTreeMap<Take, Seen>,
 }
 
 impl Takes {
+    /// No takes yet, of a wearer who has this on the face.
+    pub(super) fn of(wears: Wears) -> Self {
+        Self { wears, ..Self::default() }
+    }
+
     /// Keeps a take. `None` if the model can make nothing of it.
     pub(super) fn insert(&mut self, model: &Model, take: Take, seen: Seen) -> Option<()> {
         if take == Take::Neutral {
             let neutral = Neutral::from_points(&seen.face.points).ok()?;
-            let raw = seen.raw(model, Some(&neutral))?;
+            let raw = seen.raw(model, Some(&neutral), self.wears)?;
             self.neutral = Some(Known { neutral, head_deg: seen.head_deg, raw });
         } else {
             self.poses.insert(take, seen);
@@ -100,7 +119,7 @@ impl Takes {
     }
 
     fn raw(&self, model: &Model, pose: Take) -> Option<[f32; COEFFS]> {
-        self.poses.get(&pose)?.raw(model, Some(&self.neutral.as_ref()?.neutral))
+        self.poses.get(&pose)?.raw(model, Some(&self.neutral.as_ref()?.neutral), self.wears)
     }
 
     pub(super) fn taken(&self) -> Vec<Take> {
@@ -118,6 +137,7 @@ impl Takes {
 pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     let known = takes.neutral.as_ref()?;
     let mut profile = Profile::from(known.neutral.clone());
+    profile.wears = takes.wears;
     for (rest, (raw, terms)) in profile.rest.iter_mut().zip(known.raw.iter().zip(&model.correction.0)) {
         // A reading below 0 is sent as 0 in any case. Subtracting it would lift the noise of the resting face.
         *rest = terms.rest_of(*raw).clamp(0.0, MAX_REST);

@@ -114,7 +114,8 @@ fn without_service(args: &CalibrateArgs) -> Result<(), Failure> {
 
 fn told(report: &KeptProfile, use_it: &str) -> String {
     let KeptProfile { wearer, path, taken, left_out, refused, warning } = report;
-    let first = format!("{path}: {} of {} takes, {refused} refused. {use_it}", taken.len(), Take::ALL.len());
+    let asked_for = taken.len() + left_out.len();
+    let first = format!("{path}: {} of {asked_for} takes, {refused} refused. {use_it}", taken.len());
     let left_out = left_out.iter().map(|(take, why)| {
         let name = take.name();
         format!("\n  {name} was left out, and its blendshapes keep general values. {why}.")
@@ -151,7 +152,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 }
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
-    let mut guide = Guide::new(pipeline.solver.model().clone());
+    let mut guide = Guide::new(pipeline.solver.model().clone(), pipeline.solver.wears);
     let mut shown = None;
     let mut watch = Watch::new(HOLD_US);
     let mut observed_us = monotonic_us();

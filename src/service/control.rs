@@ -222,7 +222,7 @@ impl Server {
             self.settings = settings;
             for (_, task) in &mut self.clients {
                 if let Task::Calibrate(calibrating) = task {
-                    calibrating.adopt(model, &self.peers.loader, &self.settings.solver);
+                    calibrating.adopt(model, &self.peers.loader, &self.settings);
                 }
             }
         }

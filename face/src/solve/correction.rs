@@ -54,7 +54,7 @@ mod tests {
     use crate::solve::plausible::{BLINKS, JAW_OPEN};
 
     fn corrected(gain: f32, rest: f32, raw: f32) -> [f32; COEFFS] {
-        let profile = Profile { neutral: None, rest: [rest; COEFFS], gain: [gain; COEFFS] };
+        let profile = Profile { rest: [rest; COEFFS], gain: [gain; COEFFS], ..Profile::default() };
         correct(&Coefficients([raw; COEFFS]), &Correction::default(), &profile).0
     }
 

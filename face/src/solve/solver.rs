@@ -109,6 +109,25 @@ pub struct Profile {
     pub rest: [f32; COEFFS],
     /// The factor that brings the wearer's full expression to the full range; 1 where unknown.
     pub gain: [f32; COEFFS],
+    /// What the wearer had on the face. A headset hides the landmarks that all this is measured from, and the mouth is read from
+    /// its picture instead: what was learned without it says nothing with it, and the other way round.
+    pub wears: Wears,
+}
+
+impl Profile {
+    /// A wearer of whom nothing is known.
+    const UNKNOWN: Self = Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS], wears: Wears::Nothing };
+
+    /// Whether it says something of a wearer who has this on the face.
+    #[must_use]
+    pub fn fits(&self, wears: Wears) -> bool {
+        (self.wears == Wears::Headset) == (wears == Wears::Headset)
+    }
+
+    /// What it says of a wearer who has this on the face.
+    fn of(&self, wears: Wears) -> &Self {
+        if self.fits(wears) { self } else { &Self::UNKNOWN }
+    }
 }
 
 /// A wearer of whom the neutral face alone is known.
@@ -120,7 +139,7 @@ impl From<Neutral> for Profile {
 
 impl Default for Profile {
     fn default() -> Self {
-        Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS] }
+        Self::UNKNOWN
     }
 }
 
@@ -182,7 +201,8 @@ impl Solver {
         );
         let counts = view.counts();
         let face = normalise(landmarks)?;
-        let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
+        let profile = self.profile.of(self.wears);
+        let calibrated = profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.estimated());
         let known = reference.known;
         let from_mean = Features::from_mean(&face);
@@ -212,7 +232,7 @@ impl Solver {
         if let Some(turns_deg) = turns_deg.filter(|_| is_whole) {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
         }
-        let mut corrected = correct(&raw, &self.model.correction, &self.profile);
+        let mut corrected = correct(&raw, &self.model.correction, profile);
         counts.rest(&mut corrected);
         let raw_head = HeadPose::new(&face, camera).with_eye_distance(self.eye_distance_mm);
         let Shaping { rules, filters, adjustments } = &self.shaping;
@@ -297,15 +317,16 @@ impl Solver {
     /// Share of the estimated neutral face in the reference, from 0 to 1, in the mean of the upper and the lower half of the face.
     /// It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
-        if self.profile.neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
+        if self.profile.of(self.wears).neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
     }
 
     /// What is known of the wearer now: the profile, or the estimated neutral face once it makes up at least half of the
     /// reference. `None` while there is neither.
     pub fn known_profile(&self) -> Option<Profile> {
         let estimated = || self.history.estimate.known();
-        let neutral = self.profile.neutral.as_ref().or_else(estimated)?.clone();
-        Some(Profile { neutral: Some(neutral), ..self.profile.clone() })
+        let profile = self.profile.of(self.wears);
+        let neutral = profile.neutral.as_ref().or_else(estimated)?.clone();
+        Some(Profile { neutral: Some(neutral), wears: self.wears, ..profile.clone() })
     }
 
     /// How often the estimate was forgotten, because another person sat down.
@@ -357,6 +378,14 @@ mod tests {
         Solver::new(Model::embedded(), Profile { neutral, ..Profile::default() }, shaping)
     }
 
+    /// A model with small weights: the points of the test's face are not those of a person, and others make nothing of them.
+    fn faint_model() -> Model {
+        let mut model = Model::embedded();
+        let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
+        layer.output.weights.iter_mut().for_each(|weight| *weight *= 1e-3);
+        model
+    }
+
     /// Solutions of a head that turns, 30 a second; `change` is called before frame 10.
     fn solutions(change: impl Fn(&mut Solver, &mut Camera)) -> Vec<Solution> {
         let mut solver = solver();
@@ -389,15 +418,30 @@ mod tests {
     }
 
     #[test]
+    fn what_was_learned_without_a_headset_says_nothing_with_one_and_the_other_way_round() {
+        let seen = turned(3.0);
+        let neutral = Neutral::from_points(&normalise(&seen).expect("a face").points).ok();
+        let shows = |profile: Profile, wears: Wears| {
+            let mut solver = Solver::new(faint_model(), profile, Shaping::only(Filters::OFF));
+            solver.wears = wears;
+            solver.solve(&seen, &CAMERA, FRAME_US).expect("a face").neutral_face
+        };
+        let [nothing, headset, mask] = [Wears::Nothing, Wears::Headset, Wears::Mask];
+        let learned = |wears| Profile { neutral: neutral.clone(), wears, ..Profile::default() };
+        for [made, used] in [[nothing, headset], [headset, nothing], [mask, headset], [headset, mask]] {
+            assert_eq!(shows(learned(made), used), NeutralFace::Mean, "{made:?}, {used:?}");
+        }
+        for [made, used] in [[nothing, nothing], [nothing, mask], [mask, nothing], [headset, headset]] {
+            assert_eq!(shows(learned(made), used), NeutralFace::Calibrated, "{made:?}, {used:?}");
+        }
+    }
+
+    #[test]
     fn what_is_known_of_eyes_and_brows_alone_changes_no_coefficient_of_the_mouth() {
         let seen = normalise(&turned(5.0)).expect("a face");
         let neutral = Neutral::from_points(&normalise(&turned(-5.0)).expect("a face").points).expect("a face");
-        // The points of the test's face are not those of a person: only small weights make something of them.
-        let mut model = Model::embedded();
-        let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
-        layer.output.weights.iter_mut().for_each(|weight| *weight *= 1e-3);
         let shaping = Shaping::only(Filters::uniform(FilterKind::Off, 0.3));
-        let solver = Solver::new(model, Profile::default(), shaping);
+        let solver = Solver::new(faint_model(), Profile::default(), shaping);
         let from_mean = Features::from_mean(&seen);
         let raw = |reference| solver.raw(&from_mean, reference, None).expect("coefficients").0;
         let unknown = raw(Reference::MEAN);

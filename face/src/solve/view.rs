@@ -40,6 +40,8 @@ const MOUTH_COEFFICIENTS: [usize; MOUTH_VALUES] = {
     }
     places
 };
+/// The odds of a region that is surely in view, as a logarithm.
+const IN_VIEW: f32 = 8.0;
 /// Bounds of the coefficients that the network gives.
 const MOUTH_RANGE: [f32; 2] = [-0.5, 1.5];
 
@@ -88,6 +90,16 @@ impl Wears {
             Self::Headset => &[LEFT_EYE, RIGHT_EYE, BROWS],
             Self::Mask => &[MOUTH],
         }
+    }
+
+    /// Leaves of coefficients what this lets be seen, as the solver does: the mouth of its picture under a headset, and 0 for
+    /// what is covered.
+    pub fn uncover(self, raw: &mut Coefficients, mouth: Option<&MouthValues>) {
+        let counts = View::default().next(Some(&[IN_VIEW; REGIONS]), self, 0.0).counts();
+        if let Some(mouth) = mouth {
+            counts.look_at_mouth(raw, mouth);
+        }
+        counts.rest(raw);
     }
 }
 
@@ -166,7 +178,6 @@ mod tests {
     use crate::solve::filter::FRAME_S;
     use crate::solve::plausible::JAW_OPEN;
 
-    const IN_VIEW: f32 = 8.0;
     const COVERED: f32 = -8.0;
 
     fn covered(regions: &[usize]) -> InView {

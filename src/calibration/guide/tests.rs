@@ -2,7 +2,7 @@
 
 use facewire_face::model::{Cases, FormulaSetTable, FormulaTable, ModelFile};
 use facewire_face::stages::{Coefficients, normalise};
-use facewire_face::{BLENDSHAPES, COEFFS, testing::face};
+use facewire_face::{BLENDSHAPES, COEFFS, MouthValues, testing::face};
 
 use super::super::take::Seen;
 use super::*;
@@ -24,7 +24,7 @@ pub(crate) fn blank_model_file() -> ModelFile {
 const FRAME_US: u64 = 33_333;
 
 fn guide() -> Guide {
-    Guide::new(blank_model_file().to_model().unwrap())
+    Guide::new(blank_model_file().to_model().unwrap(), Wears::Nothing)
 }
 
 /// A face whose head is turned by these angles and that shows these coefficients, relative to its neutral face.
@@ -32,7 +32,7 @@ fn shows(head_deg: [f32; 3], shown: Shown) -> Sight {
     let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
     let mut residual = Coefficients([0.0; COEFFS]);
     shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
-    Ok(Seen { face, residuals: [residual; 2], eyes: None, head_deg })
+    Ok(Seen { face, residuals: [residual; 2], eyes: None, mouth: None, head_deg })
 }
 
 /// The pose of a take, performed to this extent.
@@ -264,4 +264,60 @@ fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
         let (outcome, _) = follow(&mut guide, frames_from(2), |take, _| pose(take, 0.8));
         assert_eq!(outcome.unwrap().taken, Take::ALL);
     }
+}
+
+/// What the picture of the mouth shows, by name; all else is 0.
+fn picture_of_mouth(shown: Shown) -> MouthValues {
+    let first = index("jawForward");
+    let mut values = MouthValues::default();
+    shown.iter().for_each(|(name, value)| values[index(name) - first] = *value);
+    values
+}
+
+#[test]
+fn under_a_headset_the_rest_of_the_mouth_is_learned_from_its_picture_wherever_the_head_seems_to_look() {
+    let mut guide = Guide::new(blank_model_file().to_model().unwrap(), Wears::Headset);
+    let (outcome, took_us) = follow(&mut guide, frames_from(0), |_, since_s| {
+        // Landmarks under a headset tell of expressions that nobody makes, and of turns.
+        let mut seen = shows([25.0 + 6.0 * since_s, 30.0, 0.0], &[("mouthSmileLeft", 0.9), ("eyeBlinkLeft", 0.9)])?;
+        seen.mouth = Some(picture_of_mouth(&[("jawOpen", 0.1), ("mouthRollLower", 0.2)]));
+        Ok(seen)
+    });
+    let Calibration { profile, taken, left_out, refused, .. } = outcome.unwrap();
+    assert_eq!((taken, left_out, refused), (vec![Take::Neutral], vec![], 0));
+    assert!(took_us < 5_000_000, "{took_us}");
+    let rest = ["jawOpen", "mouthRollLower", "mouthSmileLeft", "eyeBlinkLeft"].map(|name| profile.rest[index(name)]);
+    let want = [0.1, 0.2, 0.0, 0.0];
+    assert!(rest.iter().zip(want).all(|(rest, want)| (rest - want).abs() < 1e-3), "{rest:?}");
+    assert!(profile.fits(Wears::Headset) && !profile.fits(Wears::Nothing));
+    assert_eq!((guide.progress().done, guide.progress().of), (1, 1));
+}
+
+#[test]
+fn a_mouth_that_speaks_under_a_headset_refuses_the_take() {
+    let mut guide = Guide::new(blank_model_file().to_model().unwrap(), Wears::Headset);
+    for (number, time_us) in frames_from(0).take(90).enumerate() {
+        let sight = shows([0.0; 3], &[]).map(|mut seen| {
+            let open = if number / 10 % 2 == 0 { 0.0 } else { 0.35 };
+            seen.mouth = Some(picture_of_mouth(&[("jawOpen", open)]));
+            seen
+        });
+        guide.update(&Observation { time_us, sight });
+    }
+    assert_eq!((guide.wanted(), guide.last_refusal), (Some(Take::Neutral), Some(Refusal::FaceMoves)));
+}
+
+#[test]
+fn a_mask_leaves_out_the_poses_of_the_mouth() {
+    let mut guide = Guide::new(blank_model_file().to_model().unwrap(), Wears::Mask);
+    let (outcome, _) = follow(&mut guide, frames_from(0), |take, _| {
+        let mut seen = pose(take, 0.6)?;
+        seen.residuals.iter_mut().for_each(|residual| residual.0[index("mouthSmileLeft")] = 0.9);
+        Ok(seen)
+    });
+    let calibration = outcome.unwrap();
+    let covered = [Take::JawOpen, Take::Smile, Take::Pucker];
+    let want: Vec<Take> = Take::ALL.into_iter().filter(|take| !covered.contains(take)).collect();
+    assert_eq!((calibration.taken, calibration.left_out, calibration.refused), (want, vec![], 0));
+    assert_eq!(calibration.profile.rest[index("mouthSmileLeft")], 0.0, "a covered mouth tells nothing of its rest");
 }

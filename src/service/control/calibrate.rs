@@ -11,7 +11,7 @@ use super::wearers::{InUse, named};
 use super::{DEFAULT_WEARER, Peers};
 use crate::calibration::{Calibration, Guide, Observation, Store, WearerName};
 use crate::clock::monotonic_us;
-use crate::config::{Settings, SolverSettings, WearerSettings};
+use crate::config::{Settings, WearerSettings};
 use crate::pipeline::load_model;
 use crate::service::observer::Observed;
 use crate::service::{DISK_PATIENCE, Loader};
@@ -20,6 +20,9 @@ use crate::service::{DISK_PATIENCE, Loader};
 const PROGRESS_US: u64 = 60_000;
 const MODEL_CHANGED: &str =
     "no profile was made, and any former one stays. The blendshape model has changed: try again";
+
+const WORN_CHANGED: &str =
+    "no profile was made, and any former one stays. The setting wearer.wears has changed: try again";
 
 pub(super) struct Calibrating {
     wearer: WearerName,
@@ -32,7 +35,7 @@ impl Calibrating {
         let in_use = peers.counters.wearer();
         let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
         tracing::info!("calibration of wearer {name} begins");
-        Ok(Self { wearer: name, stage: Stage::load(&peers.loader, &settings.solver) })
+        Ok(Self { wearer: name, stage: Stage::load(&peers.loader, settings) })
     }
 
     /// Whether the guide wants to see frames.
@@ -41,12 +44,15 @@ impl Calibrating {
     }
 
     /// Adopts changed settings, and a model with this hash if it was read again.
-    pub(super) fn adopt(&mut self, model: Option<u32>, loader: &Loader, solver: &SolverSettings) {
+    pub(super) fn adopt(&mut self, model: Option<u32>, loader: &Loader, settings: &Settings) {
         match &self.stage {
-            Stage::Load(_) => self.stage = Stage::load(loader, solver),
+            Stage::Load(_) => self.stage = Stage::load(loader, settings),
             // A profile of takes that two models have read would fit neither.
             Stage::Guide(guiding) if model.is_some_and(|model| model != guiding.guide.calibration.model) => {
                 self.stage = Stage::End(Reply::Refused(MODEL_CHANGED.to_owned()));
+            }
+            Stage::Guide(guiding) if settings.wearer.wears != guiding.guide.wears() => {
+                self.stage = Stage::End(Reply::Refused(WORN_CHANGED.to_owned()));
             }
             _ => {}
         }
@@ -104,9 +110,11 @@ enum Stage {
 }
 
 impl Stage {
-    fn load(loader: &Loader, solver: &SolverSettings) -> Self {
-        let solver = solver.clone();
-        Self::Load(loader.begin(move || load_model(&solver).map(Guide::new).map_err(|error| error.to_string())))
+    fn load(loader: &Loader, settings: &Settings) -> Self {
+        let solver = settings.solver.clone();
+        let wears = settings.wearer.wears;
+        let guide = move |model| Guide::new(model, wears);
+        Self::Load(loader.begin(move || load_model(&solver).map(guide).map_err(|error| error.to_string())))
     }
 
     fn keep(name: WearerName, calibration: Calibration, peers: &Peers, settings: &WearerSettings) -> Self {

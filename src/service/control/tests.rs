@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Instant;
 
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use facewire_face::{Landmarks, Picture, Pixels, Profile};
+use facewire_face::{Landmarks, Picture, Pixels, Profile, Wears};
 use facewire_packet::control::{ChannelStatus, Drive, Phase, PictureFormat, PictureHead, Progress, Refusal};
 use facewire_packet::{Reason, State, yaw_pitch_roll_deg};
 use tempfile::TempDir;
@@ -755,7 +755,7 @@ fn who_asks_for_a_reload_or_a_release_waits_for_its_outcome_and_a_release_finds_
 
 #[test]
 fn a_camera_with_a_frame_in_two_seconds_is_soon_known_to_be_slow_and_a_silent_one_is_told_all_the_same() {
-    let guide = Guide::new(blank_model_file().to_model().unwrap());
+    let guide = Guide::new(blank_model_file().to_model().unwrap(), Wears::Nothing);
     let (mut client, _far) = client();
     let mut guiding = Guiding { guide, observed_us: 0, told: None };
     // Asks as the service does, several times between two frames. Returns the seconds in which a picture was missed.

@@ -41,7 +41,7 @@ pub mod stages {
     pub use crate::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
     pub use crate::solve::{
         Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
-        normalise,
+        normalise, uncover,
     };
     pub use crate::track::{
         Block, Border, CropShape, Detector, EYE_SIDE, Eyes, InView, MOUTH_SIDE, Mesh, Mouth, Rows, Visible, Wearer,

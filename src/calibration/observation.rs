@@ -1,7 +1,7 @@
 //! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
 //! the wearer holds still and the frames are averaged.
 
-use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, normalise};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, normalise, uncover};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, MouthValues, Neutral, Wears};
 use facewire_packet::control::{Refusal, Take};
 
@@ -65,7 +65,7 @@ impl Seen {
         let residual = if neutral.is_some() { known } else { unknown };
         let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
         model.look(&mut raw, &Features::new(&self.face, Reference::MEAN), self.eyes.as_ref());
-        wears.uncover(&mut raw, self.mouth.as_ref());
+        uncover(wears, &mut raw, self.mouth.as_ref());
         Some(raw.0)
     }
 }

@@ -91,16 +91,16 @@ impl Wears {
             Self::Mask => &[MOUTH],
         }
     }
+}
 
-    /// Leaves of coefficients what this lets be seen, as the solver does: the mouth of its picture under a headset, and 0 for
-    /// what is covered.
-    pub fn uncover(self, raw: &mut Coefficients, mouth: Option<&MouthValues>) {
-        let counts = View::default().next(Some(&[IN_VIEW; REGIONS]), self, 0.0).counts();
-        if let Some(mouth) = mouth {
-            counts.look_at_mouth(raw, mouth);
-        }
-        counts.rest(raw);
+/// Leaves of coefficients what this lets be seen, as the solver does: the mouth of its picture under a headset, and 0 for what is
+/// covered.
+pub fn uncover(wears: Wears, raw: &mut Coefficients, mouth: Option<&MouthValues>) {
+    let counts = View::default().next(Some(&[IN_VIEW; REGIONS]), wears, 0.0).counts();
+    if let Some(mouth) = mouth {
+        counts.look_at_mouth(raw, mouth);
     }
+    counts.rest(raw);
 }
 
 /// How far the upper half of the face, the mouth, the left eye and the right eye count, from 0 to 1.

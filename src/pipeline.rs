@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use facewire_face::{Camera, Face, InferError, Model, ModelError, Profile, Shaping, Solution, Solver, Tracker, Wears};
 use facewire_packet::{Pose, Reason};
 
-use crate::calibration::{Observation, Store, StoreError, WearerName, model_hash};
+use crate::calibration::{Observation, ProfileFile, Store, StoreError, WearerName, model_hash};
 use crate::capture::{Content, Frame};
 use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
 use crate::recording::Recorded;
@@ -139,7 +139,7 @@ impl Pipeline {
 
     /// Sets which face is followed, and what the wearer has on it.
     pub fn set_wearer(&mut self, wearer: &WearerSettings) {
-        self.solver.wears = wearer.wears;
+        self.solver.set_wears(wearer.wears);
         if let Some(tracker) = &mut self.tracker {
             tracker.set_follow(wearer.follow);
             tracker.set_wears(wearer.wears);
@@ -206,23 +206,24 @@ pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
 
-/// Returns the wearer's profile, and why it may be of no use.
+/// Returns the wearer's profile, and its [`profile_warning`].
 pub fn load_profile(wearer: &WearerSettings, solver: &SolverSettings) -> Result<(Profile, Option<String>), StoreError> {
     let Some(name) = WearerName::new(&wearer.name) else { return Ok((Profile::default(), None)) };
     let file = Store::new(&wearer.folder).load(&name)?;
-    let warning = worn_warning(&name, &file.profile, wearer.wears).or_else(|| model_warning(&name, file.model, solver));
+    let warning = profile_warning(&name, &file, wearer.wears, solver);
     Ok((file.profile, warning))
 }
 
-/// Says that a wearer's profile was made with a headset on, but is used without one, or the other way round.
-fn worn_warning(name: &WearerName, profile: &Profile, wears: Wears) -> Option<String> {
-    (!profile.fits(wears)).then(|| {
-        let [made, used] = if wears == Wears::Headset { ["without", "with"] } else { ["with", "without"] };
-        format!(
-            "the profile of {name} was made {made} a headset and is of no use {used} one: run `facewire calibrate --wearer \
-             NAME` with another name, which keeps both"
-        )
-    })
+/// Why a wearer's profile has no effect, or may not fit.
+pub fn profile_warning(name: &WearerName, file: &ProfileFile, wears: Wears, solver: &SolverSettings) -> Option<String> {
+    if file.profile.fits(wears) {
+        return model_warning(name, file.model, solver);
+    }
+    let [made, now] = [file.profile.wears, wears].map(Wears::name);
+    Some(format!(
+        "the profile of {name} was made with wearer.wears = \"{made}\" and has no effect with \"{now}\": correct the setting, or \
+         calibrate under another name"
+    ))
 }
 
 /// Says that a wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may
@@ -243,7 +244,7 @@ pub fn shaping(settings: &Settings) -> Shaping {
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;
-    solver.wears = settings.wearer.wears;
+    solver.set_wears(settings.wearer.wears);
     solver.eye_distance_mm = settings.wearer.eye_distance_mm;
     Ok(solver)
 }
@@ -340,6 +341,15 @@ mod tests {
     }
 
     /// The backbone has written new landmarks then, and a head that fails has not refined them.
+    #[test]
+    fn a_profile_that_does_not_hold_for_what_the_wearer_has_on_is_named_with_the_remedy() {
+        let file = crate::calibration::test_profile(7);
+        let anna = WearerName::new("anna").unwrap();
+        let warning = |wears| profile_warning(&anna, &file, wears, &SolverSettings::default()).unwrap();
+        assert!(warning(Wears::Headset).contains("has no effect with \"headset\": correct the setting"));
+        assert!(warning(Wears::Mask).contains("another blendshape model"));
+    }
+
     #[test]
     fn after_a_failed_inference_a_calibration_sees_no_face() {
         let (mut pipeline, runs) = pipeline(0);

@@ -122,7 +122,7 @@ function Outcome({ calibration }) {
   const kept = calibration?.calibrated;
   if (!kept) return null;
   return html`<div class="notice good" role="status">
-    <p>The profile of ${kept.wearer} is made and in use, from ${kept.taken.length} poses.${kept.warning ? ` ${kept.warning}` : ""}</p>
+    <p>The profile of ${kept.wearer} is made and in use, from ${kept.taken.length === 1 ? "one pose" : `${kept.taken.length} poses`}.${kept.warning ? ` ${kept.warning}` : ""}</p>
     ${
       kept.left_out.length > 0 &&
       html`<p>These poses were left out and keep general values:</p>

@@ -9,8 +9,6 @@ use crate::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Neutral, Profile, W
 const FORMAT: i64 = 1;
 /// Most bytes of the text.
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
-/// What a wearer can have on the face, as files name it. Those of bare faces do not.
-const WORN: [(&str, Wears); 2] = [("headset", Wears::Headset), ("mask", Wears::Mask)];
 const STEPS: f32 = 10_000.0;
 /// Greatest coordinate in a text, steps. Faces stay below 3 eye distances.
 const MAX_STEPS: f32 = 50_000.0;
@@ -34,7 +32,7 @@ struct Table<T> {
     #[serde(default)]
     made_at_unix_s: u64,
     model: Option<String>,
-    /// A name of [`WORN`].
+    /// A name of [`Wears::NAMES`]. Profiles of bare faces do not have it.
     wears: Option<String>,
     #[serde(default = "Vec::new")]
     takes: Vec<T>,
@@ -76,9 +74,8 @@ impl<T: Serialize + DeserializeOwned + PartialEq> ProfileFile<T> {
         if let Some(model) = self.model {
             let _ = writeln!(text, "model = \"{model:08x}\"");
         }
-        let worn = WORN.iter().find(|(_, wears)| *wears == self.profile.wears);
-        if let Some((name, _)) = worn {
-            let _ = writeln!(text, "wears = \"{name}\"");
+        if self.profile.wears != Wears::Nothing {
+            let _ = writeln!(text, "wears = \"{}\"", self.profile.wears.name());
         }
         let _ = writeln!(text, "takes = [{}]\n", takes.join(", "));
         text.push_str("# x, y, z of the landmarks, in ten-thousandths of the distance of the eyes\nneutral = [\n");
@@ -113,8 +110,8 @@ impl<T: PartialEq> Table<T> {
         let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
         let mut profile = Profile::from(neutral);
         if let Some(name) = &self.wears {
-            let known = WORN.iter().find(|(known, _)| known == name);
-            profile.wears = known.ok_or_else(|| "wears is not \"headset\" or \"mask\"".to_owned())?.1;
+            let known = Wears::NAMES.iter().find(|(known, _)| known == name);
+            profile.wears = known.ok_or_else(|| "wears is not \"nothing\", \"headset\" or \"mask\"".to_owned())?.1;
         }
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;

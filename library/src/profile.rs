@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::SystemTime;
 
 use facewire_face::stages::{FaceMean, MAX_PROFILE_BYTES, ProfileFile, normalise};
-use facewire_face::{Neutral, Profile};
+use facewire_face::{Neutral, Profile, Wears};
 
 use crate::{Error, Face};
 
@@ -26,7 +26,12 @@ pub fn parse_profile(text: &str) -> Result<Profile, Error> {
 }
 
 fn parse(text: &str) -> Result<Profile, String> {
-    Ok(ProfileFile::<String>::parse(text)?.profile)
+    let profile = ProfileFile::<String>::parse(text)?.profile;
+    if !profile.fits(Wears::Nothing) {
+        let why = "it was made with a headset or a mask on, and holds for the service with the same setting wearer.wears alone";
+        return Err(why.to_owned());
+    }
+    Ok(profile)
 }
 
 /// Returns the text of a profile as `facewire calibrate` writes it, for [`parse_profile`], or for a file that [`read_profile`]

@@ -11,6 +11,8 @@ use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
 /// it was in the neutral one.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
 const TURNED_DEG: f32 = 12.0;
+/// Under a headset, the angles are wrong by 20 degrees and more.
+const COVERED_DEG: [f32; 3] = [45.0; 3];
 /// Coefficients, measured from the mean of many people, above which a face is not at rest. Faces at rest stay below.
 const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
@@ -77,7 +79,7 @@ pub(super) struct View<'a> {
     /// In this frame, and smoothed.
     pub(super) strength_now: f32,
     pub(super) strength: f32,
-    /// Whether the angles of the head can be trusted: under a headset, they are wrong by 20 degrees and more.
+    /// Whether the angles of the head tell whether it is still.
     has_pose: bool,
 }
 
@@ -85,11 +87,12 @@ impl<'a> View<'a> {
     pub(super) fn new(model: &Model, takes: &Takes, take: Take, observation: &'a Observation) -> Result<Self, Refusal> {
         let seen = observation.sight.as_ref().map_err(|hindrance| *hindrance)?;
         let known = takes.neutral.as_ref().filter(|_| take != Take::Neutral);
-        let (from, limits) = known.map_or(([0.0; 3], FACING_DEG), |known| (known.head_deg, [TURNED_DEG; 3]));
-        let mut angles = seen.head_deg.iter().zip(from).zip(limits);
         let has_pose = takes.wears != Wears::Headset;
+        let facing_deg = if has_pose { FACING_DEG } else { COVERED_DEG };
+        let (from, limits) = known.map_or(([0.0; 3], facing_deg), |known| (known.head_deg, [TURNED_DEG; 3]));
+        let mut angles = seen.head_deg.iter().zip(from).zip(limits);
         // An angle that is not a number is refused, too.
-        if has_pose && !angles.all(|((angle, from), limit)| (angle - from).abs() <= limit) {
+        if !angles.all(|((angle, from), limit)| (angle - from).abs() <= limit) {
             return Err(Refusal::HeadTurned);
         }
         let coefficients = seen.raw(model, known.map(|known| &known.neutral), takes.wears).ok_or(Refusal::NoFace)?;

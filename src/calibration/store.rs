@@ -10,6 +10,7 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use facewire_face::Wears;
 use facewire_packet::control::{KeptProfile, Listed};
 use thiserror::Error;
 
@@ -127,6 +128,19 @@ impl Store {
             format!("the new profile is in use, but the disk did not confirm it ({folder}: {error}): check the disk")
         };
         Ok((path, (self.sync_folder)(&self.folder).err().map(warning)))
+    }
+
+    /// Why a calibration of this wearer, who has `wears` on the face, would take away a profile that holds without it; `None` if
+    /// it would not.
+    pub fn would_lose(&self, name: &WearerName, wears: Wears) -> Option<String> {
+        let made = self.load(name).ok()?.profile.wears;
+        (made != wears).then(|| {
+            let [made, now] = [made, wears].map(Wears::name);
+            format!(
+                "the profile of {name} was made with wearer.wears = \"{made}\", which is now \"{now}\": choose another name, such \
+                 as {name}-{now}, and both profiles stay; or delete this one first"
+            )
+        })
     }
 
     pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
@@ -272,6 +286,17 @@ pub(super) mod tests {
             [store.load(&anna).map(drop), store.delete(&anna)].map(|outcome| outcome.unwrap_err().to_string());
         assert!(missing.iter().all(|error| error.contains("there is no profile")), "{missing:?}");
         assert_eq!(content(&store), ["bert.toml"]);
+    }
+
+    #[test]
+    fn a_profile_that_holds_for_another_state_of_the_face_is_not_to_be_replaced() {
+        let (_folder, store, [anna, bert]) = store();
+        store.save(&anna, &file(1)).unwrap();
+        let why = store.would_lose(&anna, Wears::Headset).unwrap();
+        assert!(why.contains("\"nothing\"") && why.contains("anna-headset"), "{why}");
+        assert!(store.would_lose(&anna, Wears::Mask).is_some());
+        assert_eq!([&anna, &bert].map(|name| store.would_lose(name, Wears::Nothing)), [None, None]);
+        assert_eq!(store.would_lose(&bert, Wears::Headset), None, "nobody's profile can be lost");
     }
 
     #[test]

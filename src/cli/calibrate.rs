@@ -109,6 +109,9 @@ fn without_service(args: &CalibrateArgs) -> Result<(), Failure> {
         return Err(Failure::failed(format!("no service runs here that could be told; {remedy}")));
     }
     let Some(name) = args.wearer.clone().or(in_use).or_else(|| WearerName::new(DEFAULT_WEARER)) else { return Ok(()) };
+    if let Some(why) = store.would_lose(&name, settings.wearer.wears) {
+        return Err(Failure::failed(why));
+    }
     print(&told(&store.keep(&name, calibrate_here(&settings)?)?, ""))
 }
 
@@ -152,7 +155,7 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 }
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
-    let mut guide = Guide::new(pipeline.solver.model().clone(), pipeline.solver.wears);
+    let mut guide = Guide::new(pipeline.solver.model().clone(), pipeline.solver.wears());
     let mut shown = None;
     let mut watch = Watch::new(HOLD_US);
     let mut observed_us = monotonic_us();

@@ -11,7 +11,7 @@ use crate::capture::{Clip, Frame, Motion, Source as _};
 use crate::clock::monotonic_us;
 use crate::config::{CameraSettings, NetworkSettings, Settings, SolverSettings};
 use crate::link::{Link, notes};
-use crate::pipeline::{StageTimes, find, load_solver, load_tracker, model_warning};
+use crate::pipeline::{StageTimes, find, load_solver, load_tracker, profile_warning};
 use crate::service::OpenCamera;
 use crate::watch::{MountTrial, Watch};
 use facewire_board::{self as board, Flags, Impairment, ImpairmentSet, Machine, Sensors};
@@ -115,7 +115,8 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
         return Ok("no profile is in use: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
-    let warning = model_warning(&name, file.model, &settings.solver).map(|warning| format!("; {warning}"));
+    let warning =
+        profile_warning(&name, &file, settings.wearer.wears, &settings.solver).map(|warning| format!("; {warning}"));
     let takes = file.takes.len();
     let all = Take::ALL.len();
     let folder = store.folder().display();

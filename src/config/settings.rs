@@ -114,8 +114,11 @@ choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg",
 choices! { LevelFilter: ERROR = "error", WARN = "warn", INFO = "info", DEBUG = "debug", TRACE = "trace" }
 choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxruntime" }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
-choices! { Wears: Nothing = "nothing", Headset = "headset", Mask = "mask" }
 choices! { Follow: Nearest = "nearest", Centre = "centre", Wearer = "wearer" }
+
+impl Choice for Wears {
+    const ALL: &'static [(&'static str, Self)] = Self::NAMES;
+}
 
 impl Choice for Method {
     const ALL: &'static [(&'static str, Self)] = Self::NAMES;

@@ -100,10 +100,13 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(wearer) = &args.wearer {
         settings.wearer.name = wearer.to_string();
     }
-    let profile = match args.neutral {
-        None => load_profile(&settings.wearer, &settings.solver)?.0,
-        Some(_) => Profile::default(),
+    let (profile, warning) = match args.neutral {
+        None => load_profile(&settings.wearer, &settings.solver)?,
+        Some(_) => (Profile::default(), None),
     };
+    if let Some(warning) = warning {
+        say(warning);
+    }
     let Input { source, read } = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     pipeline.solver.profile = profile;
@@ -228,7 +231,10 @@ impl Track<'_> {
             say(format_args!("--neutral {}..{}: the input has only {frames} frames", range.start, range.end));
         }
         let neutral = neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?;
-        self.playback.pipeline.solver.profile = Profile::from(neutral);
+        let mut profile = Profile::from(neutral);
+        let solver = &mut self.playback.pipeline.solver;
+        profile.wears = solver.wears();
+        solver.profile = profile;
         read.iter().try_for_each(|face| self.frame(face).map(drop))
     }
 

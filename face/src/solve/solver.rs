@@ -80,8 +80,7 @@ pub struct Solver {
     pub shaping: Shaping,
     /// What is done about the neutral face while the profile has none.
     pub neutral_mode: NeutralMode,
-    /// What the wearer has on the face.
-    pub wears: Wears,
+    wears: Wears,
     /// The distance between the wearer's pupils, above 0: positions of the head are in proportion to it.
     pub eye_distance_mm: f32,
     history: History,
@@ -99,6 +98,17 @@ pub enum Wears {
     Mask,
 }
 
+impl Wears {
+    /// Every kind with its name in settings and profiles.
+    pub const NAMES: &[(&str, Self)] = &[("nothing", Self::Nothing), ("headset", Self::Headset), ("mask", Self::Mask)];
+
+    /// Its name in settings and profiles.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, wears)| *wears == self).map_or("", |(name, _)| name)
+    }
+}
+
 /// What is known of the wearer. The default is a wearer of whom nothing is known.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -109,8 +119,7 @@ pub struct Profile {
     pub rest: [f32; COEFFS],
     /// The factor that brings the wearer's full expression to the full range; 1 where unknown.
     pub gain: [f32; COEFFS],
-    /// What the wearer had on the face. A headset hides the landmarks that all this is measured from, and the mouth is read from
-    /// its picture instead: what was learned without it says nothing with it, and the other way round.
+    /// What the wearer had on the face when this was learned.
     pub wears: Wears,
 }
 
@@ -118,10 +127,11 @@ impl Profile {
     /// A wearer of whom nothing is known.
     const UNKNOWN: Self = Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS], wears: Wears::Nothing };
 
-    /// Whether it says something of a wearer who has this on the face.
+    /// Whether it holds for a wearer who has this on the face. What is known of a bare face holds under a mask, too. A headset
+    /// hides the landmarks that it is measured from, and the mouth is read from its picture instead.
     #[must_use]
     pub fn fits(&self, wears: Wears) -> bool {
-        (self.wears == Wears::Headset) == (wears == Wears::Headset)
+        self.wears == wears || (self.wears == Wears::Nothing && wears == Wears::Mask)
     }
 
     /// What it says of a wearer who has this on the face.
@@ -201,7 +211,9 @@ impl Solver {
         );
         let counts = view.counts();
         let face = normalise(landmarks)?;
-        let profile = self.profile.of(self.wears);
+        // Without a picture, a headset hides nothing.
+        let wears = appearance.map_or(Wears::Nothing, |_| self.wears);
+        let profile = self.profile.of(wears);
         let calibrated = profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.estimated());
         let known = reference.known;
@@ -281,12 +293,25 @@ impl Solver {
         self.model.reference_for(self.history.estimate.reference())
     }
 
+    /// Sets what the wearer has on the face. The output does not jump.
+    pub fn set_wears(&mut self, wears: Wears) {
+        if self.wears != wears {
+            self.wears = wears;
+            self.crossfade();
+        }
+    }
+
     /// Forgets the wearer and all frames, but not the profile. Does not allocate.
     pub fn forget(&mut self) {
         let History { view, estimate, gaze_offset, gaze, away, filters, crossfade, last_us } = &mut self.history;
         estimate.reset();
         (*view, *gaze_offset, *gaze, *away) = Default::default();
         (*filters, *crossfade, *last_us) = Default::default();
+    }
+
+    /// What the wearer has on the face.
+    pub fn wears(&self) -> Wears {
+        self.wears
     }
 
     /// The model.
@@ -325,7 +350,10 @@ impl Solver {
     pub fn known_profile(&self) -> Option<Profile> {
         let estimated = || self.history.estimate.known();
         let profile = self.profile.of(self.wears);
-        let neutral = profile.neutral.as_ref().or_else(estimated)?.clone();
+        if profile.neutral.is_some() {
+            return Some(profile.clone());
+        }
+        let neutral = estimated()?.clone();
         Some(Profile { neutral: Some(neutral), wears: self.wears, ..profile.clone() })
     }
 
@@ -421,18 +449,26 @@ mod tests {
     fn what_was_learned_without_a_headset_says_nothing_with_one_and_the_other_way_round() {
         let seen = turned(3.0);
         let neutral = Neutral::from_points(&normalise(&seen).expect("a face").points).ok();
+        let looks = Box::new(Appearance::default());
         let shows = |profile: Profile, wears: Wears| {
             let mut solver = Solver::new(faint_model(), profile, Shaping::only(Filters::OFF));
-            solver.wears = wears;
-            solver.solve(&seen, &CAMERA, FRAME_US).expect("a face").neutral_face
+            solver.set_wears(wears);
+            let face = Face { landmarks: &seen, appearance: Some(&looks) };
+            let Solution { corrected, neutral_face, .. } = solver.solve(face, &CAMERA, FRAME_US).expect("a face");
+            (corrected, neutral_face, solver.neutral_share(), solver.known_profile().is_some())
         };
         let [nothing, headset, mask] = [Wears::Nothing, Wears::Headset, Wears::Mask];
-        let learned = |wears| Profile { neutral: neutral.clone(), wears, ..Profile::default() };
-        for [made, used] in [[nothing, headset], [headset, nothing], [mask, headset], [headset, mask]] {
-            assert_eq!(shows(learned(made), used), NeutralFace::Mean, "{made:?}, {used:?}");
+        // So low a rest that every coefficient in view is raised by it.
+        let learned =
+            |wears| Profile { neutral: neutral.clone(), rest: [-MAX_REST; COEFFS], wears, ..Profile::default() };
+        for [made, used] in [[nothing, headset], [headset, nothing], [mask, headset], [headset, mask], [mask, nothing]]
+        {
+            assert_eq!(shows(learned(made), used), shows(Profile::default(), used), "{made:?}, {used:?}");
         }
-        for [made, used] in [[nothing, nothing], [nothing, mask], [mask, nothing], [headset, headset]] {
-            assert_eq!(shows(learned(made), used), NeutralFace::Calibrated, "{made:?}, {used:?}");
+        for [made, used] in [[nothing, nothing], [nothing, mask], [mask, mask], [headset, headset]] {
+            let (corrected, neutral_face, _, is_known) = shows(learned(made), used);
+            assert!(neutral_face == NeutralFace::Calibrated && is_known, "{made:?}, {used:?}");
+            assert_ne!(corrected, shows(Profile::default(), used).0, "{made:?}, {used:?}");
         }
     }
 

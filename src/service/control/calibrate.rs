@@ -35,7 +35,8 @@ impl Calibrating {
         let in_use = peers.counters.wearer();
         let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
         tracing::info!("calibration of wearer {name} begins");
-        Ok(Self { wearer: name, stage: Stage::load(&peers.loader, settings) })
+        let stage = Stage::load(&peers.loader, &name, settings);
+        Ok(Self { wearer: name, stage })
     }
 
     /// Whether the guide wants to see frames.
@@ -46,7 +47,7 @@ impl Calibrating {
     /// Adopts changed settings, and a model with this hash if it was read again.
     pub(super) fn adopt(&mut self, model: Option<u32>, loader: &Loader, settings: &Settings) {
         match &self.stage {
-            Stage::Load(_) => self.stage = Stage::load(loader, settings),
+            Stage::Load(_) => self.stage = Stage::load(loader, &self.wearer, settings),
             // A profile of takes that two models have read would fit neither.
             Stage::Guide(guiding) if model.is_some_and(|model| model != guiding.guide.calibration.model) => {
                 self.stage = Stage::End(Reply::Refused(MODEL_CHANGED.to_owned()));
@@ -100,7 +101,7 @@ impl Calibrating {
 
 /// How far a calibration is.
 enum Stage {
-    /// The loader reads the model.
+    /// The loader reads the model, and whether a profile would be lost.
     Load(Receiver<Result<Guide, String>>),
     Guide(Box<Guiding>),
     /// The loader writes the profile.
@@ -110,11 +111,18 @@ enum Stage {
 }
 
 impl Stage {
-    fn load(loader: &Loader, settings: &Settings) -> Self {
+    fn load(loader: &Loader, name: &WearerName, settings: &Settings) -> Self {
+        let name = name.clone();
         let solver = settings.solver.clone();
+        let store = Store::new(&settings.wearer.folder);
         let wears = settings.wearer.wears;
-        let guide = move |model| Guide::new(model, wears);
-        Self::Load(loader.begin(move || load_model(&solver).map(guide).map_err(|error| error.to_string())))
+        Self::Load(loader.begin(move || {
+            if let Some(why) = store.would_lose(&name, wears) {
+                return Err(why);
+            }
+            let model = load_model(&solver).map_err(|error| error.to_string())?;
+            Ok(Guide::new(model, wears))
+        }))
     }
 
     fn keep(name: WearerName, calibration: Calibration, peers: &Peers, settings: &WearerSettings) -> Self {

@@ -364,14 +364,20 @@ fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
 }
 
 #[test]
-fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
-    let mut rig = Rig::new();
-    let mut answers = rig.calibrate("anna");
-    rig.reload(|settings| settings.camera.fps = 60);
-    assert!(rig.server.is_any(|task| matches!(task, Task::Calibrate(..))));
-    rig.reload(|settings| settings.solver.model = String::new());
-    assert!(matches!(answers.next(), Some(Reply::Refused(why)) if why.contains("model has changed")));
-    assert!(rig.server.clients.is_empty() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
+fn calibration_ends_when_the_model_or_what_the_wearer_has_on_changes_and_not_at_any_other_reload() {
+    let changes: [(fn(&mut Settings), _); 2] = [
+        (|settings| settings.solver.model = String::new(), "model has changed"),
+        (|settings| settings.wearer.wears = Wears::Headset, "wearer.wears has changed"),
+    ];
+    for (change, reason) in changes {
+        let mut rig = Rig::new();
+        let mut answers = rig.calibrate("anna");
+        rig.reload(|settings| settings.camera.fps = 60);
+        assert!(rig.server.is_any(|task| matches!(task, Task::Calibrate(..))));
+        rig.reload(change);
+        assert!(matches!(answers.next(), Some(Reply::Refused(why)) if why.contains(reason)));
+        assert!(rig.server.clients.is_empty() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
+    }
 }
 
 #[test]

@@ -80,6 +80,34 @@ fn wearers_are_checked_listed_and_deleted_without_a_service() {
 }
 
 #[test]
+fn under_a_headset_the_profile_of_a_bare_face_has_no_effect_and_is_not_replaced_and_every_command_says_so() {
+    let folders = Folders::new();
+    let file = settings(&(folders.settings("demo", "anna") + "wears = 'headset'\n"));
+    let of = |arguments: &[&str]| Run::of(facewire(arguments).args(["--config", text(file.path())]));
+    let check = of(&["check"]).out;
+    let line = check.lines().find(|line| line.starts_with("wearer")).unwrap();
+    assert!(line.contains("has no effect with \"headset\""), "{line}");
+    let bare = settings(&(folders.settings("demo", "") + "wears = 'headset'\n"));
+    let nobody = Run::of(&mut facewire(["track", "demo", "--config", text(bare.path())])).succeeded();
+    let anna = of(&["track", "demo"]).succeeded();
+    assert!(anna.err.contains("has no effect with \"headset\""), "{}", anna.err);
+    assert_eq!(anna.out, nobody.out);
+
+    let before = fs::read(folders.profiles().join("anna.toml")).unwrap();
+    let refused = Run::of(folders.calibrate(&[]).args(["--config", text(file.path())]));
+    assert!(refused.sentences(1).last().unwrap().contains("anna-headset"), "{}", refused.err);
+    let toml = folders.settings("demo", "anna") + "wears = 'headset'\n";
+    let receiver = Receiver::new();
+    let service =
+        Service::start_with(&toml, &[receiver.address()], |command| command.env("XDG_RUNTIME_DIR", folders.0.path()));
+    receiver.live();
+    let refused = Run::of(&mut folders.calibrate(&[]));
+    assert!(refused.sentence(1).contains("anna-headset"), "{}", refused.err);
+    assert!(service.stopped().contains("has no effect with"));
+    assert_eq!(fs::read(folders.profiles().join("anna.toml")).unwrap(), before);
+}
+
+#[test]
 fn track_applies_the_profile_of_a_wearer_and_refuses_one_that_is_not_there() {
     let folders = Folders::new();
     let file = settings(&folders.settings("demo", ""));

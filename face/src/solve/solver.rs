@@ -449,7 +449,7 @@ mod tests {
     fn what_was_learned_without_a_headset_says_nothing_with_one_and_the_other_way_round() {
         let seen = turned(3.0);
         let neutral = Neutral::from_points(&normalise(&seen).expect("a face").points).ok();
-        let looks = Box::new(Appearance::default());
+        let looks = Box::new(Appearance::zero());
         let shows = |profile: Profile, wears: Wears| {
             let mut solver = Solver::new(faint_model(), profile, Shaping::only(Filters::OFF));
             solver.set_wears(wears);

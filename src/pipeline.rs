@@ -221,8 +221,8 @@ pub fn profile_warning(name: &WearerName, file: &ProfileFile, wears: Wears, solv
     }
     let [made, now] = [file.profile.wears, wears].map(Wears::name);
     Some(format!(
-        "the profile of {name} was made with wearer.wears = \"{made}\" and has no effect with \"{now}\": correct the setting, or \
-         calibrate under another name"
+        "the profile of {name} was made with wearer.wears = \"{made}\", and has no effect while it is \"{now}\": correct the setting, \
+         or calibrate under another name"
     ))
 }
 
@@ -340,16 +340,16 @@ mod tests {
         assert_eq!(detector_runs.load(Relaxed), 1);
     }
 
-    /// The backbone has written new landmarks then, and a head that fails has not refined them.
     #[test]
     fn a_profile_that_does_not_hold_for_what_the_wearer_has_on_is_named_with_the_remedy() {
         let file = crate::calibration::test_profile(7);
         let anna = WearerName::new("anna").unwrap();
         let warning = |wears| profile_warning(&anna, &file, wears, &SolverSettings::default()).unwrap();
-        assert!(warning(Wears::Headset).contains("has no effect with \"headset\": correct the setting"));
+        assert!(warning(Wears::Headset).contains("has no effect while it is \"headset\": correct the setting"));
         assert!(warning(Wears::Mask).contains("another blendshape model"));
     }
 
+    /// The backbone has written new landmarks then, and a head that fails has not refined them.
     #[test]
     fn after_a_failed_inference_a_calibration_sees_no_face() {
         let (mut pipeline, runs) = pipeline(0);

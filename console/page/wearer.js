@@ -54,7 +54,7 @@ export function Wearer() {
           wearer === used.wearer?.name && html`<small class="badge">at every start</small>`
         }</h3>
         ${profile.Ok ? html`<p
-          class="dim">${time(profile.Ok[0])}, ${profile.Ok[1]} of ${Object.keys(TAKES).length} poses</p>` : html`<p
+          class="dim">${time(profile.Ok[0])}, ${count(profile.Ok[1])}</p>` : html`<p
           class="trouble">${profile.Err}</p>`}
         <div class="row">
           ${
@@ -84,10 +84,12 @@ export function Wearer() {
     }`;
 }
 
+const count = (poses) => (poses === 1 ? "one pose" : `${poses} poses`);
+
 const POSES = {
   nothing: "Eleven poses of some seconds each teach facewire a face.",
-  headset: "Put the headset on. Your mouth at rest for some seconds teaches facewire how it looks there.",
-  mask: "Put the mask on. Eight poses of some seconds each teach facewire eyes and brows.",
+  headset: "Put the headset on, and keep your mouth closed and at rest for a few seconds.",
+  mask: "Put the mask on. Eight poses of a few seconds each teach facewire your eyes and brows.",
 };
 
 function Guide({ progress }) {
@@ -122,7 +124,7 @@ function Outcome({ calibration }) {
   const kept = calibration?.calibrated;
   if (!kept) return null;
   return html`<div class="notice good" role="status">
-    <p>The profile of ${kept.wearer} is made and in use, from ${kept.taken.length === 1 ? "one pose" : `${kept.taken.length} poses`}.${kept.warning ? ` ${kept.warning}` : ""}</p>
+    <p>The profile of ${kept.wearer} is made and in use, from ${count(kept.taken.length)}.${kept.warning ? ` ${kept.warning}` : ""}</p>
     ${
       kept.left_out.length > 0 &&
       html`<p>These poses were left out and keep general values:</p>

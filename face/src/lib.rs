@@ -40,8 +40,8 @@ pub mod stages {
     pub use crate::infer::{Network, NetworkFolder, Signature, engines, native_network};
     pub use crate::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
     pub use crate::solve::{
-        Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
-        normalise, uncover,
+        Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, keep_in_view,
+        mirror_image, normalise,
     };
     pub use crate::track::{
         Block, Border, CropShape, Detector, EYE_SIDE, Eyes, InView, MOUTH_SIDE, Mesh, Mouth, Rows, Visible, Wearer,

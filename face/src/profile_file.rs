@@ -32,7 +32,7 @@ struct Table<T> {
     #[serde(default)]
     made_at_unix_s: u64,
     model: Option<String>,
-    /// A name of [`Wears::NAMES`]. Profiles of bare faces do not have it.
+    /// One of the names of [`Wears::NAMES`]; absent for a bare face.
     wears: Option<String>,
     #[serde(default = "Vec::new")]
     takes: Vec<T>,

@@ -28,16 +28,17 @@ pub fn parse_profile(text: &str) -> Result<Profile, Error> {
 fn parse(text: &str) -> Result<Profile, String> {
     let profile = ProfileFile::<String>::parse(text)?.profile;
     if !profile.fits(Wears::Nothing) {
-        let why = "it was made with a headset or a mask on, and holds for the service with the same setting wearer.wears alone";
+        let why =
+            "it was made with a headset or a mask on, and can be used only by the service, with the same wearer.wears";
         return Err(why.to_owned());
     }
     Ok(profile)
 }
 
 /// Returns the text of a profile as `facewire calibrate` writes it, for [`parse_profile`], or for a file that [`read_profile`]
-/// and the service read. `None` if the profile has no neutral face.
+/// and the service read. `None` if the profile has no neutral face, or was made with a headset or a mask.
 pub fn profile_text(profile: &Profile) -> Option<String> {
-    profile.neutral.as_ref()?;
+    profile.neutral.as_ref().filter(|_| profile.fits(Wears::Nothing))?;
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let takes = Vec::<String>::new();
     Some(ProfileFile { profile: profile.clone(), model: None, takes, made_at_unix_s: now.as_secs() }.text())

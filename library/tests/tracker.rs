@@ -498,9 +498,12 @@ fn the_profile_of_a_calibration_is_read_as_the_service_reads_it_and_another_file
     assert_eq!(read_profile(&path).unwrap(), ProfileFile::parse(&text).unwrap().profile);
     let mut tracker = FaceTracker::new().unwrap();
     tracker.set_profile(&read_profile(&path).unwrap());
-    for damaged in
-        [text.replace("gain = 1.25", "gain = 99.0"), text.replace("format = 1", "format = 2"), text[..900].to_owned()]
-    {
+    for damaged in [
+        text.replace("gain = 1.25", "gain = 99.0"),
+        text.replace("format = 1", "format = 2"),
+        text.replace("takes = ", "wears = \"headset\"\ntakes = "),
+        text[..900].to_owned(),
+    ] {
         std::fs::write(&path, damaged).unwrap();
         assert!(matches!(read_profile(&path), Err(Error::File(message)) if message.contains("anna.toml")));
     }

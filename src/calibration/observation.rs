@@ -1,7 +1,7 @@
 //! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
 //! the wearer holds still and the frames are averaged.
 
-use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, normalise, uncover};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Reference, keep_in_view, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, EyeValues, Face, HeadPose, Model, MouthValues, Neutral, Wears};
 use facewire_packet::control::{Refusal, Take};
 
@@ -11,8 +11,8 @@ use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
 /// it was in the neutral one.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
 const TURNED_DEG: f32 = 12.0;
-/// Under a headset, the angles are wrong by 20 degrees and more.
-const COVERED_DEG: [f32; 3] = [45.0; 3];
+/// The same under a headset, where the angles may be wrong by 20 degrees or more, and pitch and roll tell nothing.
+const COVERED_DEG: [f32; 3] = [45.0, f32::MAX, f32::MAX];
 /// Coefficients, measured from the mean of many people, above which a face is not at rest. Faces at rest stay below.
 const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
@@ -67,7 +67,7 @@ impl Seen {
         let residual = if neutral.is_some() { known } else { unknown };
         let mut raw = model.process(&Features::new(&self.face, neutral)).ok()?.plus(residual);
         model.look(&mut raw, &Features::new(&self.face, Reference::MEAN), self.eyes.as_ref());
-        uncover(wears, &mut raw, self.mouth.as_ref());
+        keep_in_view(wears, &mut raw, self.mouth.as_ref());
         Some(raw.0)
     }
 }

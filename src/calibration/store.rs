@@ -130,21 +130,29 @@ impl Store {
         Ok((path, (self.sync_folder)(&self.folder).err().map(warning)))
     }
 
-    /// Why a calibration of this wearer, who has `wears` on the face, would take away a profile that holds without it; `None` if
+    /// Why a calibration of this wearer, with `wears` on, would replace a profile that was made with something else on; `None` if
     /// it would not.
     pub fn would_lose(&self, name: &WearerName, wears: Wears) -> Option<String> {
         let made = self.load(name).ok()?.profile.wears;
-        (made != wears).then(|| {
-            let [made, now] = [made, wears].map(Wears::name);
-            format!(
-                "the profile of {name} was made with wearer.wears = \"{made}\", which is now \"{now}\": choose another name, such \
-                 as {name}-{now}, and both profiles stay; or delete this one first"
-            )
-        })
+        if made == wears {
+            return None;
+        }
+        let [made, now] = [made, wears].map(Wears::name);
+        let stem = ["-headset", "-mask"].into_iter().fold(name.as_str(), |stem, ending| stem.trim_end_matches(ending));
+        let other = if wears == Wears::Nothing { stem.to_owned() } else { format!("{stem}-{now}") };
+        let example = WearerName::new(&other).filter(|other| other != name);
+        let example = example.map_or_else(String::new, |other| format!(", such as {other}"));
+        Some(format!(
+            "the profile of {name} was made with wearer.wears = \"{made}\", but the setting is now \"{now}\": to keep that profile, \
+             choose another name{example}; otherwise delete it first"
+        ))
     }
 
     pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
         let Calibration { profile, model, taken, left_out, refused } = calibration;
+        if let Some(why) = self.would_lose(name, profile.wears) {
+            return Err(StoreError::Unwritable(why));
+        }
         let made_at_unix_s = seconds_since_1970(SystemTime::now());
         let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
         let (path, warning) = self.save(name, &file)?;
@@ -293,10 +301,22 @@ pub(super) mod tests {
         let (_folder, store, [anna, bert]) = store();
         store.save(&anna, &file(1)).unwrap();
         let why = store.would_lose(&anna, Wears::Headset).unwrap();
-        assert!(why.contains("\"nothing\"") && why.contains("anna-headset"), "{why}");
+        assert!(why.contains("\"nothing\"") && why.contains("such as anna-headset;"), "{why}");
         assert!(store.would_lose(&anna, Wears::Mask).is_some());
         assert_eq!([&anna, &bert].map(|name| store.would_lose(name, Wears::Nothing)), [None, None]);
         assert_eq!(store.would_lose(&bert, Wears::Headset), None, "nobody's profile can be lost");
+        let mut headset = file(2);
+        headset.profile.wears = Wears::Headset;
+        let anna_headset = WearerName::new("anna-headset").unwrap();
+        store.save(&anna_headset, &headset).unwrap();
+        assert!(store.would_lose(&anna_headset, Wears::Nothing).unwrap().contains("such as anna;"));
+        assert!(store.would_lose(&anna_headset, Wears::Mask).unwrap().contains("such as anna-mask;"));
+        let long = WearerName::new("a-name-of-twenty-nine-letters").unwrap();
+        store.save(&long, &file(3)).unwrap();
+        assert!(store.would_lose(&long, Wears::Headset).unwrap().contains("choose another name; otherwise"));
+        let kept = store.keep(&anna, Calibration { profile: headset.profile, ..Calibration::default() });
+        assert!(kept.unwrap_err().to_string().contains("to keep that profile"));
+        assert_eq!(store.load(&anna).unwrap(), file(1));
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub(super) fn expected(take: Take) -> Expected {
 }
 
 /// The takes of a wearer who has this on the face: a pose that is covered cannot be seen. Under a headset, the mouth is read from
-/// its picture, and only its rest differs enough from person to person to be learned.
+/// its picture, and only its rest is learned.
 pub(super) fn takes_of(wears: Wears) -> impl Iterator<Item = Take> {
     let is_of_mouth = |take| matches!(take, Take::JawOpen | Take::Smile | Take::Pucker);
     Take::ALL.into_iter().filter(move |take| match wears {

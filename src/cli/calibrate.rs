@@ -27,9 +27,10 @@ Examples:
   facewire calibrate --use anna             let the running service use it from now on
   sudo facewire calibrate --wearer anna     if the service runs as another user
 
-It takes about 20 seconds: look into the camera, and do what the display asks for. A service that runs is asked, \
-because it holds the camera; its settings count then, and not those of --config. Otherwise the camera of the settings is \
-opened. Ctrl-C ends it, and any former profile stays. After the next start, the service uses the wearer that \
+It takes about 20 seconds: look into the camera, and do what the display asks for. With wearer.wears = \"headset\" or \
+\"mask\", it asks only for what is in view. A service that runs is asked, because it holds the camera; its settings count \
+then, and not those of --config. Otherwise the camera of the settings is opened. Ctrl-C ends it, and any former profile \
+stays. After the next start, the service uses the wearer that \
 wearer.name of its settings names.";
 
 /// Time for which poor light must last before the guide waits for better light.
@@ -135,7 +136,7 @@ fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
         match profile {
             Ok((made_s, takes)) => {
                 let days = now_s.saturating_sub(*made_s) / 86_400;
-                format!("{mark} {wearer:<32} {takes:2} of {} takes, {days} days old\n", Take::ALL.len())
+                format!("{mark} {wearer:<32} {takes:2} takes, {days} days old\n")
             }
             Err(error) => format!("{mark} {wearer:<32} cannot be used: {error}\n"),
         }

@@ -15,7 +15,6 @@ use crate::pipeline::{StageTimes, find, load_solver, load_tracker, profile_warni
 use crate::service::OpenCamera;
 use crate::watch::{MountTrial, Watch};
 use facewire_board::{self as board, Flags, Impairment, ImpairmentSet, Machine, Sensors};
-use facewire_packet::control::Take;
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -118,9 +117,8 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
     let warning =
         profile_warning(&name, &file, settings.wearer.wears, &settings.solver).map(|warning| format!("; {warning}"));
     let takes = file.takes.len();
-    let all = Take::ALL.len();
     let folder = store.folder().display();
-    Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{}", warning.unwrap_or_default()))
+    Ok(format!("{name}, {takes} takes; profiles in {folder}{}", warning.unwrap_or_default()))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.

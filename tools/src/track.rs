@@ -18,7 +18,7 @@ use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
 use facewire::pipeline::{Pipeline, load_profile};
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
 use facewire::service::Step;
-use facewire_face::{LANDMARKS, NeutralMode, Profile};
+use facewire_face::{LANDMARKS, NeutralMode, Profile, Wears};
 
 const EXAMPLES: &str = "\
 A frame with a face is live at once, without the ramp by which the service comes back from neutral.
@@ -100,6 +100,11 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(wearer) = &args.wearer {
         settings.wearer.name = wearer.to_string();
     }
+    let Input { source, read } = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
+    if !source.shows_pictures() {
+        // Landmarks alone do not tell what covers a face.
+        settings.wearer.wears = Wears::Nothing;
+    }
     let (profile, warning) = match args.neutral {
         None => load_profile(&settings.wearer, &settings.solver)?,
         Some(_) => (Profile::default(), None),
@@ -107,7 +112,6 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(warning) = warning {
         say(warning);
     }
-    let Input { source, read } = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     pipeline.solver.profile = profile;
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);

@@ -44,7 +44,7 @@ pub use pose::{Camera, HeadPose, mirror_image};
 pub use regression::Method;
 pub use smoothing::{Filters, FiltersState, Group};
 pub use solver::{Profile, Shaping, Solution, SolveError, Solver, Wears};
-pub use view::uncover;
+pub use view::keep_in_view;
 
 /// One number for each blendshape, in the order of [`BLENDSHAPES`]. Results of the regression are finite; after the
 /// correction they are within `0..=1`.

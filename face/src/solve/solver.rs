@@ -211,7 +211,7 @@ impl Solver {
         );
         let counts = view.counts();
         let face = normalise(landmarks)?;
-        // Without a picture, a headset hides nothing.
+        // Without a picture, nothing counts as covered.
         let wears = appearance.map_or(Wears::Nothing, |_| self.wears);
         let profile = self.profile.of(wears);
         let calibrated = profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
@@ -465,6 +465,13 @@ mod tests {
         {
             assert_eq!(shows(learned(made), used), shows(Profile::default(), used), "{made:?}, {used:?}");
         }
+        let mut solver = Solver::new(faint_model(), learned(nothing), Shaping::only(Filters::OFF));
+        solver.set_wears(nothing);
+        assert!(!solver.history.crossfade.is_due);
+        solver.set_wears(headset);
+        assert!(solver.history.crossfade.is_due, "the output leads over");
+        let of_landmarks = solver.solve(&seen, &CAMERA, FRAME_US).expect("a face");
+        assert_eq!(of_landmarks.neutral_face, NeutralFace::Calibrated, "landmarks alone do not tell what is covered");
         for [made, used] in [[nothing, nothing], [nothing, mask], [mask, mask], [headset, headset]] {
             let (corrected, neutral_face, _, is_known) = shows(learned(made), used);
             assert!(neutral_face == NeutralFace::Calibrated && is_known, "{made:?}, {used:?}");

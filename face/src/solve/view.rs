@@ -40,7 +40,7 @@ const MOUTH_COEFFICIENTS: [usize; MOUTH_VALUES] = {
     }
     places
 };
-/// The odds of a region that is surely in view, as a logarithm.
+/// The log-odds of a region that is certainly in view.
 const IN_VIEW: f32 = 8.0;
 /// Bounds of the coefficients that the network gives.
 const MOUTH_RANGE: [f32; 2] = [-0.5, 1.5];
@@ -93,9 +93,9 @@ impl Wears {
     }
 }
 
-/// Leaves of coefficients what this lets be seen, as the solver does: the mouth of its picture under a headset, and 0 for what is
-/// covered.
-pub fn uncover(wears: Wears, raw: &mut Coefficients, mouth: Option<&MouthValues>) {
+/// Keeps only the coefficients that `wears` leaves in view, as the solver does: under a headset, the mouth is read from its
+/// picture, and what is covered becomes 0.
+pub fn keep_in_view(wears: Wears, raw: &mut Coefficients, mouth: Option<&MouthValues>) {
     let counts = View::default().next(Some(&[IN_VIEW; REGIONS]), wears, 0.0).counts();
     if let Some(mouth) = mouth {
         counts.look_at_mouth(raw, mouth);

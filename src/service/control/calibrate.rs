@@ -101,7 +101,7 @@ impl Calibrating {
 
 /// How far a calibration is.
 enum Stage {
-    /// The loader reads the model, and whether a profile would be lost.
+    /// The loader reads the model, and checks whether a profile would be lost.
     Load(Receiver<Result<Guide, String>>),
     Guide(Box<Guiding>),
     /// The loader writes the profile.

@@ -49,10 +49,12 @@ pub(super) fn use_wearer(name: WearerName, peers: &Peers, settings: &Settings) -
     let wearer = WearerSettings { name: name.to_string(), ..settings.wearer.clone() };
     wait::begin(&peers.loader, move || {
         let (profile, warning) = load_profile(&wearer, &solver)?;
-        let warning = warning.map_or_else(String::new, |warning| format!(". {warning}"));
+        let holds = profile.fits(wearer.wears);
         in_use.set(profile, Some(name.clone()));
+        let begin = if holds { format!("the profile of {name} is in use") } else { format!("{name} is chosen") };
+        let warning = warning.map_or_else(String::new, |warning| format!("; {warning}"));
         Ok(Reply::Done(format!(
-            "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
+            "{begin}; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
         )))
     })
 }

@@ -309,8 +309,9 @@ fn monitor(device: &Path, arguments: &[&str], play: impl FnOnce()) -> Run {
     Run::ended(&child.wait_with_output().unwrap())
 }
 
-fn await_raw(port: &impl std::os::fd::AsFd) {
-    eventually("the monitor", || !tcgetattr(port).unwrap().local_modes.contains(LocalModes::ICANON));
+/// Waits until a monitor has opened the port. The baud rate is the last that it sets: before, it still throws away what has come.
+fn await_monitor(port: &impl std::os::fd::AsFd) {
+    eventually("the monitor", || tcgetattr(port).unwrap().output_speed() == 115_200);
 }
 
 #[test]
@@ -318,7 +319,7 @@ fn the_monitor_reads_a_serial_port_that_it_joins_in_the_middle_of_a_frame_and_co
     let board = Board::plugged_in();
     let port = board.port();
     let run = monitor(&board.device, &["--seconds", "60", "--json", "--packets", "49"], || {
-        await_raw(&port);
+        await_monitor(&port);
         board.send(&packet(0).encode_frame()[50..]);
         // These bytes damage the first whole frame.
         board.send(&[7; 3]);
@@ -342,10 +343,10 @@ fn the_monitor_reports_a_silent_a_missing_and_a_disappearing_line() {
     assert!(missing.sentence(69).starts_with("cannot listen to /dev/nowhere: there is no such serial port"));
     let port = board.port();
     let mut modes = tcgetattr(&port).unwrap();
-    modes.local_modes |= LocalModes::ICANON;
+    modes.set_speed(9_600).unwrap();
     tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
     let gone = monitor(&device, &["--seconds", "60"], || {
-        await_raw(&port);
+        await_monitor(&port);
         drop((port, board));
     });
     assert!(gone.sentence(69).starts_with(&format!("cannot listen to {}: went away (", device.display())));

@@ -309,7 +309,7 @@ fn monitor(device: &Path, arguments: &[&str], play: impl FnOnce()) -> Run {
     Run::ended(&child.wait_with_output().unwrap())
 }
 
-/// Waits until a monitor has opened the port. The baud rate is the last that it sets: before, it still throws away what has come.
+/// Waits until a monitor has opened the port. It sets the baud rate last; until then, it discards whatever arrives.
 fn await_monitor(port: &impl std::os::fd::AsFd) {
     eventually("the monitor", || tcgetattr(port).unwrap().output_speed() == 115_200);
 }

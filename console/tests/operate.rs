@@ -588,7 +588,13 @@ fn the_puppet_and_its_plays_move_coefficients_and_the_head() {
     // pace.
     browser.value(
         "const waits = setTimeout; \
-         window.hastened = 0;          window.setTimeout = (call, ms, ...more) => waits(call, ms === 50 ? (hastened += 1, 10) : ms, ...more); 0",
+         window.hastened = 0; \
+         const hasten = (ms) => { \
+             if (ms !== 50) return ms; \
+             hastened += 1; \
+             return 10; \
+         }; \
+         window.setTimeout = (call, ms, ...more) => waits(call, hasten(ms), ...more); 0",
     );
     eventually("a sweep", || {
         browser.click_on(&or_arm("Sweep each channel"));

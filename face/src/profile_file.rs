@@ -111,7 +111,8 @@ impl<T: PartialEq> Table<T> {
         let mut profile = Profile::from(neutral);
         if let Some(name) = &self.wears {
             let known = Wears::NAMES.iter().find(|(known, _)| known == name);
-            profile.wears = known.ok_or_else(|| "wears is not \"nothing\", \"headset\" or \"mask\"".to_owned())?.1;
+            let names = || Wears::NAMES.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
+            (_, profile.wears) = *known.ok_or_else(|| format!("wears is none of {}", names()))?;
         }
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;

@@ -11,8 +11,8 @@ use super::take::{LIDS, Seen, Takes, expected, mean_of, strength};
 /// it was in the neutral one.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
 const TURNED_DEG: f32 = 12.0;
-/// The same under a headset, where the angles may be wrong by 20 degrees or more, and pitch and roll tell nothing.
-const COVERED_DEG: [f32; 3] = [45.0, f32::MAX, f32::MAX];
+/// Replaces [`FACING_DEG`] under a headset, where the angles may be wrong by 20 degrees or more.
+const FACING_IN_HEADSET_DEG: [f32; 3] = [45.0, f32::MAX, f32::MAX];
 /// Coefficients, measured from the mean of many people, above which a face is not at rest. Faces at rest stay below.
 const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
@@ -79,16 +79,16 @@ pub(super) struct View<'a> {
     /// In this frame, and smoothed.
     pub(super) strength_now: f32,
     pub(super) strength: f32,
-    /// Whether the angles of the head tell whether it is still.
-    has_pose: bool,
+    /// Whether the angles of the head are right: under a headset they are not.
+    has_true_angles: bool,
 }
 
 impl<'a> View<'a> {
     pub(super) fn new(model: &Model, takes: &Takes, take: Take, observation: &'a Observation) -> Result<Self, Refusal> {
         let seen = observation.sight.as_ref().map_err(|hindrance| *hindrance)?;
         let known = takes.neutral.as_ref().filter(|_| take != Take::Neutral);
-        let has_pose = takes.wears != Wears::Headset;
-        let facing_deg = if has_pose { FACING_DEG } else { COVERED_DEG };
+        let has_true_angles = takes.wears != Wears::Headset;
+        let facing_deg = if has_true_angles { FACING_DEG } else { FACING_IN_HEADSET_DEG };
         let (from, limits) = known.map_or(([0.0; 3], facing_deg), |known| (known.head_deg, [TURNED_DEG; 3]));
         let mut angles = seen.head_deg.iter().zip(from).zip(limits);
         // An angle that is not a number is refused, too.
@@ -97,7 +97,7 @@ impl<'a> View<'a> {
         }
         let coefficients = seen.raw(model, known.map(|known| &known.neutral), takes.wears).ok_or(Refusal::NoFace)?;
         let strength = known.map_or(0.0, |known| strength(take, &coefficients) - strength(take, &known.raw));
-        Ok(Self { seen, coefficients, strength_now: strength, strength, has_pose })
+        Ok(Self { seen, coefficients, strength_now: strength, strength, has_true_angles })
     }
 
     /// Why the face is not what the take asks for. In the neutral take, it is measured from the mean of many people.
@@ -178,7 +178,7 @@ impl Hold {
 
     pub(super) fn judge(&self, take: Take, view: &View<'_>) -> Fit {
         let mut angles = self.first_head_deg.iter().zip(view.seen.head_deg);
-        let is_head_still = !view.has_pose || angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
+        let is_head_still = !view.has_true_angles || angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
         if take != Take::Neutral {
             return match view.strength {
                 _ if view.is_blink(take) => Fit::Blink,

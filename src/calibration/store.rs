@@ -132,7 +132,7 @@ impl Store {
 
     /// Why a calibration of this wearer, with `wears` on, would replace a profile that was made with something else on; `None` if
     /// it would not.
-    pub fn would_lose(&self, name: &WearerName, wears: Wears) -> Option<String> {
+    pub fn why_not_replace(&self, name: &WearerName, wears: Wears) -> Option<String> {
         let made = self.load(name).ok()?.profile.wears;
         if made == wears {
             return None;
@@ -150,7 +150,7 @@ impl Store {
 
     pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
         let Calibration { profile, model, taken, left_out, refused } = calibration;
-        if let Some(why) = self.would_lose(name, profile.wears) {
+        if let Some(why) = self.why_not_replace(name, profile.wears) {
             return Err(StoreError::Unwritable(why));
         }
         let made_at_unix_s = seconds_since_1970(SystemTime::now());
@@ -297,23 +297,23 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_profile_that_holds_for_another_state_of_the_face_is_not_to_be_replaced() {
+    fn a_profile_made_with_something_else_on_is_not_replaced() {
         let (_folder, store, [anna, bert]) = store();
         store.save(&anna, &file(1)).unwrap();
-        let why = store.would_lose(&anna, Wears::Headset).unwrap();
+        let why = store.why_not_replace(&anna, Wears::Headset).unwrap();
         assert!(why.contains("\"nothing\"") && why.contains("such as anna-headset;"), "{why}");
-        assert!(store.would_lose(&anna, Wears::Mask).is_some());
-        assert_eq!([&anna, &bert].map(|name| store.would_lose(name, Wears::Nothing)), [None, None]);
-        assert_eq!(store.would_lose(&bert, Wears::Headset), None, "nobody's profile can be lost");
+        assert!(store.why_not_replace(&anna, Wears::Mask).is_some());
+        assert_eq!([&anna, &bert].map(|name| store.why_not_replace(name, Wears::Nothing)), [None, None]);
+        assert_eq!(store.why_not_replace(&bert, Wears::Headset), None, "bert has no profile to lose");
         let mut headset = file(2);
         headset.profile.wears = Wears::Headset;
         let anna_headset = WearerName::new("anna-headset").unwrap();
         store.save(&anna_headset, &headset).unwrap();
-        assert!(store.would_lose(&anna_headset, Wears::Nothing).unwrap().contains("such as anna;"));
-        assert!(store.would_lose(&anna_headset, Wears::Mask).unwrap().contains("such as anna-mask;"));
+        assert!(store.why_not_replace(&anna_headset, Wears::Nothing).unwrap().contains("such as anna;"));
+        assert!(store.why_not_replace(&anna_headset, Wears::Mask).unwrap().contains("such as anna-mask;"));
         let long = WearerName::new("a-name-of-twenty-nine-letters").unwrap();
         store.save(&long, &file(3)).unwrap();
-        assert!(store.would_lose(&long, Wears::Headset).unwrap().contains("choose another name; otherwise"));
+        assert!(store.why_not_replace(&long, Wears::Headset).unwrap().contains("choose another name; otherwise"));
         let kept = store.keep(&anna, Calibration { profile: headset.profile, ..Calibration::default() });
         assert!(kept.unwrap_err().to_string().contains("to keep that profile"));
         assert_eq!(store.load(&anna).unwrap(), file(1));

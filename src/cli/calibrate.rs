@@ -110,7 +110,7 @@ fn without_service(args: &CalibrateArgs) -> Result<(), Failure> {
         return Err(Failure::failed(format!("no service runs here that could be told; {remedy}")));
     }
     let Some(name) = args.wearer.clone().or(in_use).or_else(|| WearerName::new(DEFAULT_WEARER)) else { return Ok(()) };
-    if let Some(why) = store.would_lose(&name, settings.wearer.wears) {
+    if let Some(why) = store.why_not_replace(&name, settings.wearer.wears) {
         return Err(Failure::failed(why));
     }
     print(&told(&store.keep(&name, calibrate_here(&settings)?)?, ""))

@@ -128,14 +128,14 @@ impl Profile {
     const UNKNOWN: Self = Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS], wears: Wears::Nothing };
 
     /// Whether it holds for a wearer who has this on the face. What is known of a bare face holds under a mask, too. A headset
-    /// hides the landmarks that it is measured from, and the mouth is read from its picture instead.
+    /// hides the landmarks that a bare face is measured from; the mouth is then read from its picture.
     #[must_use]
     pub fn fits(&self, wears: Wears) -> bool {
         self.wears == wears || (self.wears == Wears::Nothing && wears == Wears::Mask)
     }
 
     /// What it says of a wearer who has this on the face.
-    fn of(&self, wears: Wears) -> &Self {
+    fn or_unknown(&self, wears: Wears) -> &Self {
         if self.fits(wears) { self } else { &Self::UNKNOWN }
     }
 }
@@ -213,7 +213,7 @@ impl Solver {
         let face = normalise(landmarks)?;
         // Without a picture, nothing counts as covered.
         let wears = appearance.map_or(Wears::Nothing, |_| self.wears);
-        let profile = self.profile.of(wears);
+        let profile = self.profile.or_unknown(wears);
         let calibrated = profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.estimated());
         let known = reference.known;
@@ -342,14 +342,14 @@ impl Solver {
     /// Share of the estimated neutral face in the reference, from 0 to 1, in the mean of the upper and the lower half of the face.
     /// It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
-        if self.profile.of(self.wears).neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
+        if self.profile.or_unknown(self.wears).neutral.is_some() { 0.0 } else { self.estimated().known.mean() }
     }
 
     /// What is known of the wearer now: the profile, or the estimated neutral face once it makes up at least half of the
     /// reference. `None` while there is neither.
     pub fn known_profile(&self) -> Option<Profile> {
         let estimated = || self.history.estimate.known();
-        let profile = self.profile.of(self.wears);
+        let profile = self.profile.or_unknown(self.wears);
         if profile.neutral.is_some() {
             return Some(profile.clone());
         }
@@ -406,7 +406,7 @@ mod tests {
         Solver::new(Model::embedded(), Profile { neutral, ..Profile::default() }, shaping)
     }
 
-    /// A model with small weights: the points of the test's face are not those of a person, and others make nothing of them.
+    /// A model with small weights. With larger ones, the solver finds no solution for the test's face, which is not that of a person.
     fn faint_model() -> Model {
         let mut model = Model::embedded();
         let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
@@ -469,7 +469,7 @@ mod tests {
         solver.set_wears(nothing);
         assert!(!solver.history.crossfade.is_due);
         solver.set_wears(headset);
-        assert!(solver.history.crossfade.is_due, "the output leads over");
+        assert!(solver.history.crossfade.is_due, "the output crossfades");
         let of_landmarks = solver.solve(&seen, &CAMERA, FRAME_US).expect("a face");
         assert_eq!(of_landmarks.neutral_face, NeutralFace::Calibrated, "landmarks alone do not tell what is covered");
         for [made, used] in [[nothing, nothing], [nothing, mask], [mask, mask], [headset, headset]] {

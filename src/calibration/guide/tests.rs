@@ -306,7 +306,11 @@ fn a_mouth_that_speaks_under_a_headset_refuses_the_take() {
     }
     assert_eq!((guide.wanted(), guide.last_refusal), (Some(Take::Neutral), Some(Refusal::FaceMoves)));
     guide.update(&Observation { time_us: 100 * FRAME_US, sight: shows([60.0, 0.0, 0.0], &[]) });
-    assert_eq!(guide.progress().waits_for, Some(Refusal::HeadTurned), "nobody wears a headset that far to the side");
+    assert_eq!(
+        guide.progress().waits_for,
+        Some(Refusal::HeadTurned),
+        "a head turned this far is refused even under a headset"
+    );
 }
 
 #[test]

@@ -21,7 +21,7 @@ const PROGRESS_US: u64 = 60_000;
 const MODEL_CHANGED: &str =
     "no profile was made, and any former one stays. The blendshape model has changed: try again";
 
-const WORN_CHANGED: &str =
+const WEARS_CHANGED: &str =
     "no profile was made, and any former one stays. The setting wearer.wears has changed: try again";
 
 pub(super) struct Calibrating {
@@ -53,7 +53,7 @@ impl Calibrating {
                 self.stage = Stage::End(Reply::Refused(MODEL_CHANGED.to_owned()));
             }
             Stage::Guide(guiding) if settings.wearer.wears != guiding.guide.wears() => {
-                self.stage = Stage::End(Reply::Refused(WORN_CHANGED.to_owned()));
+                self.stage = Stage::End(Reply::Refused(WEARS_CHANGED.to_owned()));
             }
             _ => {}
         }
@@ -117,7 +117,7 @@ impl Stage {
         let store = Store::new(&settings.wearer.folder);
         let wears = settings.wearer.wears;
         Self::Load(loader.begin(move || {
-            if let Some(why) = store.would_lose(&name, wears) {
+            if let Some(why) = store.why_not_replace(&name, wears) {
                 return Err(why);
             }
             let model = load_model(&solver).map_err(|error| error.to_string())?;

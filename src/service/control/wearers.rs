@@ -51,10 +51,10 @@ pub(super) fn use_wearer(name: WearerName, peers: &Peers, settings: &Settings) -
         let (profile, warning) = load_profile(&wearer, &solver)?;
         let holds = profile.fits(wearer.wears);
         in_use.set(profile, Some(name.clone()));
-        let begin = if holds { format!("the profile of {name} is in use") } else { format!("{name} is chosen") };
+        let begin = if holds { "is in use" } else { "is chosen" };
         let warning = warning.map_or_else(String::new, |warning| format!("; {warning}"));
         Ok(Reply::Done(format!(
-            "{begin}; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
+            "the profile of {name} {begin}; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
         )))
     })
 }

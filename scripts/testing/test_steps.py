@@ -239,7 +239,7 @@ class Checkout(unittest.TestCase):
             step.command = f"test $(nice) = {min(19, os.nice(0) + (0 if step.clocked else steps.PATIENT_NICENESS))}"
         self.run_all()
         self.assertEqual({outcome.verdict for outcome in self.run_of_steps.outcomes.values()}, {"passed"})
-        clocked = {"unit", "python", "guest-cases", "guest-console", "guest-packages"}
+        clocked = {"unit", "python", "guest-cases", "guest-console", "guest-packages", "guest-shipped"}
         self.assertEqual({step.name for step in self.steps if step.clocked}, clocked)
 
 
@@ -323,13 +323,18 @@ class Guests(unittest.TestCase):
         named = set(re.findall(r"`(\w+)\.sh`", tables))
         self.assertGreater(len(named), 5)
         self.assertEqual(named - set(runs["guest-cases"]), set())
+        self.assertEqual(self.cases_of(known["guest-shipped"]), runs["guest-cases"])
         kernel = (
             "board/src/lib.rs", "servo/src/pca9685.rs", "src/capture/v4l2/mod.rs", "src/link/bus_servo.rs",
             "src/link/serial.rs", "src/service/hot.rs",
         )
-        for path in (*kernel, "systemd/facewire.service", "packaging/scripts/prerm"):
-            self.assertTrue((ROOT / path).exists(), path)
-            self.assertTrue(steps.is_read(known["guest-cases"], path), path)
+        for name, paths in (
+            ("guest-cases", (*kernel, "systemd/facewire.service")),
+            ("guest-shipped", ("systemd/facewire.service", "packaging/scripts/prerm", "cross/common.sh")),
+        ):
+            for path in paths:
+                self.assertTrue((ROOT / path).exists(), path)
+                self.assertTrue(steps.is_read(known[name], path), path)
         console = ("page/start.js", "src/console.rs", "src/program.rs", "src/settings.rs", "tests/guest.rs")
         for path in (*(f"console/{name}" for name in console), "src/service/control/client.rs", "systemd/facewire-helper"):
             self.assertTrue((ROOT / path).exists(), path)

@@ -76,15 +76,14 @@ impl Run {
         self
     }
 
-    /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames and what a
-    /// service logs before it fails.
+    /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames, what a service
+    /// logs before it fails, and what `facewire rest` says on a busy machine before it gives up.
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
-        let sentences =
-            self.err.lines().filter(|line| ![" INFO ", "no control socket"].iter().any(|logged| line.contains(logged)));
-        let sentences = sentences.map(named);
-        sentences.filter(|line| !line.contains(" frames, ")).collect()
+        let passing = [" INFO ", "no control socket", " frames, ", "facewire: still trying: "];
+        let sentences = self.err.lines().filter(|line| !passing.iter().any(|words| line.contains(words)));
+        sentences.map(named).collect()
     }
 
     /// Returns the only sentence of a run that failed with `status`.

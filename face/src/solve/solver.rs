@@ -245,6 +245,9 @@ impl Solver {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
         }
         let mut corrected = correct(&raw, &self.model.correction, profile);
+        if profile.wears != Wears::Headset && counts.of_picture() > 0.0 {
+            counts.forget_bare_mouth(&mut corrected, &correct(&raw, &self.model.correction, &Profile::UNKNOWN));
+        }
         counts.rest(&mut corrected);
         let raw_head = HeadPose::new(&face, camera).with_eye_distance(self.eye_distance_mm);
         let Shaping { rules, filters, adjustments } = &self.shaping;
@@ -389,6 +392,7 @@ mod tests {
     use super::*;
     use crate::model::Regression;
     use crate::solve::halves::Halves;
+    use crate::solve::plausible::JAW_OPEN;
     use crate::solve::{FilterKind, MAX_REST};
     use crate::testing::face;
     use crate::track::{LANDMARKS, Landmarks};
@@ -477,6 +481,22 @@ mod tests {
             assert!(neutral_face == NeutralFace::Calibrated && is_known, "{made:?}, {used:?}");
             assert_ne!(corrected, shows(Profile::default(), used).0, "{made:?}, {used:?}");
         }
+    }
+
+    #[test]
+    fn what_is_known_of_a_bare_face_says_nothing_of_the_picture_of_the_mouth_of_a_headset_that_is_only_seen() {
+        let seen = turned(3.0);
+        let mut looks = Box::new(Appearance::zero());
+        let mut jaws = |odds_of_upper_half: f32, profile: Profile| {
+            looks.looks.in_view = [odds_of_upper_half, odds_of_upper_half, odds_of_upper_half, 8.0, 8.0];
+            let mut solver = Solver::new(faint_model(), profile, Shaping::only(Filters::OFF));
+            let face = Face { landmarks: &seen, appearance: Some(&looks) };
+            solver.solve(face, &CAMERA, FRAME_US).expect("a face").corrected.0[JAW_OPEN]
+        };
+        let learned = Profile { rest: [-MAX_REST; COEFFS], gain: [2.0; COEFFS], ..Profile::default() };
+        let [covered, in_view] = [-8.0, 8.0];
+        assert!((jaws(covered, learned.clone()) - jaws(covered, Profile::default())).abs() < 1e-3);
+        assert!(jaws(in_view, learned) > jaws(in_view, Profile::default()) + 0.1);
     }
 
     #[test]

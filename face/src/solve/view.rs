@@ -128,13 +128,29 @@ impl Counts {
 
     /// Puts what the picture of the mouth shows in the place of what the landmarks do, as far as the upper half is covered.
     pub(super) fn look_at_mouth(&self, raw: &mut Coefficients, mouth: &MouthValues) {
-        let [upper_half, ..] = self.0;
-        if upper_half >= 1.0 {
+        let of_picture = self.of_picture();
+        if of_picture <= 0.0 {
             return;
         }
         for (place, seen) in MOUTH_COEFFICIENTS.into_iter().zip(mouth) {
             if let Some(value) = raw.0.get_mut(place) {
-                *value += (1.0 - upper_half) * (bounded(*seen, MOUTH_RANGE) - *value);
+                *value += of_picture * (bounded(*seen, MOUTH_RANGE) - *value);
+            }
+        }
+    }
+
+    /// The share of the mouth that is read from its picture, from 0 to 1: as far as the upper half is covered.
+    pub(super) fn of_picture(&self) -> f32 {
+        let [upper_half, ..] = self.0;
+        1.0 - upper_half
+    }
+
+    /// Puts the coefficients of the mouth that hold for anybody in the place of those that were corrected by a profile of the bare
+    /// face, as far as the mouth is read from its picture: the profile's rest and gain are those of the landmarks.
+    pub(super) fn forget_bare_mouth(&self, corrected: &mut Coefficients, of_anybody: &Coefficients) {
+        for place in MOUTH_COEFFICIENTS {
+            if let (Some(value), Some(of_anybody)) = (corrected.0.get_mut(place), of_anybody.0.get(place)) {
+                *value += self.of_picture() * (of_anybody - *value);
             }
         }
     }

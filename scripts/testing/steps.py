@@ -108,13 +108,14 @@ def settled(root, steps):
     try:
         before = commit_before(root)
         changed = changed_since(root, before)
-        then = {step.name: step for step in read(git(root, "show", f"{before}:{LIST}"))} if LIST in changed else {}
+        then = {step.name: step for step in (read(git(root, "show", f"{before}:{LIST}")) if LIST in changed else steps)}
     except (subprocess.CalledProcessError, IndexError):
         return set()
 
     def is_recent(step):
-        other = then.get(step.name, step)
-        return (other.command, other.reads) != (step.command, step.reads) or any(is_read(step, path) for path in changed)
+        other = then.get(step.name)
+        is_as_it_was = other is not None and (other.command, other.reads) == (step.command, step.reads)
+        return not is_as_it_was or any(is_read(step, path) for path in changed)
 
     return {step.name for step in steps if step.settled and not proof.has_run(step.name) and not is_recent(step)}
 

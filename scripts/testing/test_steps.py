@@ -87,7 +87,9 @@ class Checkout(unittest.TestCase):
     def test_a_failure_stops_what_needs_the_step_and_nothing_else_and_proves_nothing(self):
         self.step("build").command = "exit 3"
         ran = self.run_all()
-        lost = {"build", "unit", "documentation", "steps", "crates", "python", "try-arm64", "try-armhf", "guest-console"}
+        lost = {
+            "build", "unit", "documentation", "steps", "crates", "python", "try-arm64", "try-armhf", "guest-cases", "guest-console",
+        }
         self.assertEqual(ran, {step.name for step in self.steps} - lost)
         self.assertEqual(steps.conclude(self.run_of_steps, [], 0.0), 1)
         self.assertIn("== FAILED: build,", self.said[-2])
@@ -101,10 +103,10 @@ class Checkout(unittest.TestCase):
         self.run_all()
         self.assertEqual(steps.conclude(self.run_of_steps, ["licences"], 0.0), 0)
         listed = self.said[-1].splitlines()
-        cases = [f"step guest-{which}: it needs guest" for which in ("cases", "console", "packages")]
+        cases = [f"step guest-{which}: it needs guest" for which in ("cases", "console", "packages", "shipped")]
         steps_left_out = ["step guest: it needs root", "step licences: not asked for"]
         self.assertEqual(listed, ["a test: it needs a camera", *cases, *steps_left_out])
-        self.assertIn("== passed, 6 skipped", self.said[-2])
+        self.assertIn("== passed, 7 skipped", self.said[-2])
         self.assertEqual(self.run_all() & {"guest", "unit", "guest-cases"}, {"guest", "unit"})
 
     def test_the_tests_of_a_crate_run_again_after_a_change_of_what_it_reads_or_if_they_were_skipped(self):
@@ -181,6 +183,11 @@ class Checkout(unittest.TestCase):
         left = steps.settled(self.root, self.steps)
         self.assertNotIn("roots", left)
         self.assertIn("try-arm64", left)
+        step_of_roots = next(part for part in described.read_text().split("[[step]]") if 'name = "roots"' in part)
+        described.write_text(described.read_text().replace(f"[[step]]{step_of_roots}", ""))
+        self.commit(steps.RECENT_COMMITS + 1)
+        described.write_text((ROOT / steps.LIST).read_text())
+        self.assertNotIn("roots", steps.settled(self.root, self.steps), "a new step is not left out")
         proof.prove(proof.failure("try-arm64"))
         self.assertEqual(left - steps.settled(self.root, self.steps), {"try-arm64"})
 
@@ -342,6 +349,7 @@ class Guests(unittest.TestCase):
         for name, step in known.items():
             for case in runs.get(name, ()):
                 self.assertTrue(steps.is_read(step, f"tests/guest/cases/{case}.sh") or case == "console", case)
+                self.assertTrue(name != "guest-cases" or steps.is_read(known["guest-shipped"], f"tests/guest/cases/{case}.sh"), case)
 
     def cases_of(self, step):
         """Returns the cases that a step runs, as tests/guest/run lists them."""

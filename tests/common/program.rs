@@ -77,13 +77,13 @@ impl Run {
     }
 
     /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames, what a service
-    /// logs before it fails, and what `facewire rest` says on a busy machine before it gives up.
+    /// logs before it fails, and what `facewire rest` says of boards that it is still trying.
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
-        let passing = [" INFO ", "no control socket", " frames, ", "facewire: still trying: "];
-        let sentences = self.err.lines().filter(|line| !passing.iter().any(|words| line.contains(words)));
-        sentences.map(named).collect()
+        let is_logged = |line: &str| line.contains(" INFO ") || line.contains("no control socket");
+        let sentences = self.err.lines().filter(|line| !is_logged(line)).map(named);
+        sentences.filter(|line| !line.contains(" frames, ") && !line.starts_with("still trying: ")).collect()
     }
 
     /// Returns the only sentence of a run that failed with `status`.

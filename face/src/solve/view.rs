@@ -145,12 +145,12 @@ impl Counts {
         1.0 - upper_half
     }
 
-    /// Puts the coefficients of the mouth that hold for anybody in the place of those that were corrected by a profile of the bare
-    /// face, as far as the mouth is read from its picture: the profile's rest and gain are those of the landmarks.
-    pub(super) fn forget_bare_mouth(&self, corrected: &mut Coefficients, of_anybody: &Coefficients) {
+    /// Puts the coefficients of the mouth as corrected without a profile in the place of those corrected by that of a bare face, as
+    /// far as the mouth is read from its picture: rest and gain of the profile were learned from landmarks.
+    pub(super) fn correct_picture_of_mouth(&self, corrected: &mut Coefficients, without_profile: &Coefficients) {
         for place in MOUTH_COEFFICIENTS {
-            if let (Some(value), Some(of_anybody)) = (corrected.0.get_mut(place), of_anybody.0.get(place)) {
-                *value += self.of_picture() * (of_anybody - *value);
+            if let (Some(value), Some(without_profile)) = (corrected.0.get_mut(place), without_profile.0.get(place)) {
+                *value += self.of_picture() * (without_profile - *value);
             }
         }
     }

@@ -108,14 +108,16 @@ def settled(root, steps):
     try:
         before = commit_before(root)
         changed = changed_since(root, before)
-        then = {step.name: step for step in (read(git(root, "show", f"{before}:{LIST}")) if LIST in changed else steps)}
+        steps_before = read(git(root, "show", f"{before}:{LIST}")) if LIST in changed else steps
     except (subprocess.CalledProcessError, IndexError):
         return set()
 
+    # A new step, and one whose command or patterns have changed, are not among them.
+    unchanged = {(step.name, step.command, *step.reads) for step in steps_before}
+
     def is_recent(step):
-        other = then.get(step.name)
-        is_as_it_was = other is not None and (other.command, other.reads) == (step.command, step.reads)
-        return not is_as_it_was or any(is_read(step, path) for path in changed)
+        is_unchanged = (step.name, step.command, *step.reads) in unchanged
+        return not is_unchanged or any(is_read(step, path) for path in changed)
 
     return {step.name for step in steps if step.settled and not proof.has_run(step.name) and not is_recent(step)}
 

@@ -346,10 +346,9 @@ class Guests(unittest.TestCase):
         for path in (*(f"console/{name}" for name in console), "src/service/control/client.rs", "systemd/facewire-helper"):
             self.assertTrue((ROOT / path).exists(), path)
             self.assertTrue(steps.is_read(known["guest-console"], path), path)
-        for name, step in known.items():
-            for case in runs.get(name, ()):
-                self.assertTrue(steps.is_read(step, f"tests/guest/cases/{case}.sh") or case == "console", case)
-                self.assertTrue(name != "guest-cases" or steps.is_read(known["guest-shipped"], f"tests/guest/cases/{case}.sh"), case)
+        for name, cases in {**runs, "guest-shipped": runs["guest-cases"]}.items():
+            for case in cases:
+                self.assertTrue(steps.is_read(known[name], f"tests/guest/cases/{case}.sh") or case == "console", case)
 
     def cases_of(self, step):
         """Returns the cases that a step runs, as tests/guest/run lists them."""

@@ -245,8 +245,9 @@ impl Solver {
             self.history.gaze_offset.step(turns_deg, &mut raw, step_s);
         }
         let mut corrected = correct(&raw, &self.model.correction, profile);
-        if profile.wears != Wears::Headset && counts.of_picture() > 0.0 {
-            counts.correct_picture_of_mouth(&mut corrected, &correct(&raw, &self.model.correction, &Profile::UNKNOWN));
+        if profile.wears != Wears::Headset && counts.share_of_mouth_from_picture() > 0.0 {
+            let without_profile = correct(&raw, &self.model.correction, &Profile::UNKNOWN);
+            counts.leave_mouth_from_picture_to(&without_profile, &mut corrected);
         }
         counts.rest(&mut corrected);
         let raw_head = HeadPose::new(&face, camera).with_eye_distance(self.eye_distance_mm);
@@ -484,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_of_a_bare_face_says_nothing_of_a_mouth_that_is_read_from_its_picture_under_a_headset_only_seen() {
+    fn the_profile_of_a_bare_face_changes_no_mouth_that_is_read_from_its_picture_under_a_headset() {
         let seen = turned(3.0);
         let mut looks = Box::new(Appearance::zero());
         let mut jaw = |odds_of_upper_half: f32, profile: Profile| {

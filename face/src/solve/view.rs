@@ -128,29 +128,30 @@ impl Counts {
 
     /// Puts what the picture of the mouth shows in the place of what the landmarks do, as far as the upper half is covered.
     pub(super) fn look_at_mouth(&self, raw: &mut Coefficients, mouth: &MouthValues) {
-        let of_picture = self.of_picture();
-        if of_picture <= 0.0 {
+        let share = self.share_of_mouth_from_picture();
+        if share <= 0.0 {
             return;
         }
         for (place, seen) in MOUTH_COEFFICIENTS.into_iter().zip(mouth) {
             if let Some(value) = raw.0.get_mut(place) {
-                *value += of_picture * (bounded(*seen, MOUTH_RANGE) - *value);
+                *value += share * (bounded(*seen, MOUTH_RANGE) - *value);
             }
         }
     }
 
     /// The share of the mouth that is read from its picture, from 0 to 1: as far as the upper half is covered.
-    pub(super) fn of_picture(&self) -> f32 {
+    pub(super) fn share_of_mouth_from_picture(&self) -> f32 {
         let [upper_half, ..] = self.0;
         1.0 - upper_half
     }
 
-    /// Puts the coefficients of the mouth as corrected without a profile in the place of those corrected by that of a bare face, as
-    /// far as the mouth is read from its picture: rest and gain of the profile were learned from landmarks.
-    pub(super) fn correct_picture_of_mouth(&self, corrected: &mut Coefficients, without_profile: &Coefficients) {
+    /// Undoes what the profile of a bare face has corrected of the mouth, as far as the mouth is read from its picture: there,
+    /// `without_profile` replaces it. The profile's rest and gain were learned from landmarks, and not from the picture.
+    pub(super) fn leave_mouth_from_picture_to(&self, without_profile: &Coefficients, corrected: &mut Coefficients) {
+        let share = self.share_of_mouth_from_picture();
         for place in MOUTH_COEFFICIENTS {
             if let (Some(value), Some(without_profile)) = (corrected.0.get_mut(place), without_profile.0.get(place)) {
-                *value += self.of_picture() * (without_profile - *value);
+                *value += share * (without_profile - *value);
             }
         }
     }

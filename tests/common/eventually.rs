@@ -4,7 +4,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 /// Longer than anything in these tests takes on a busy machine.
-pub const PATIENCE: Duration = Duration::from_mins(1);
+pub const PATIENCE: Duration = Duration::from_mins(3);
 
 /// Waits until something happens. Fails after [`PATIENCE`].
 pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {

@@ -340,7 +340,7 @@ pub(crate) mod testing {
     use super::*;
 
     /// Longer than any step takes on a busy machine.
-    pub const PATIENCE: Duration = Duration::from_mins(1);
+    pub const PATIENCE: Duration = Duration::from_mins(3);
 
     pub fn kind(name: &str, keys: &str) -> LinkKind {
         let text = format!("[[link]]\nkind = \"{name}\"\n{keys}");
